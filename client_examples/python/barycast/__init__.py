@@ -1,0 +1,26 @@
+"""Generalized barycentric coordinates of points with respect to a cage: the client of `barycastd`.
+
+    from barycast import Cage, Client
+    with Client() as client:                       # or Client("host:port")
+        binding = client.bind(Cage.from_faces(vertices, faces), points)
+    moved_points = binding.deform(moved_vertices)
+
+The generated modules `barycast.v1.*` live in the build tree (`<build>/python`), so this package's path
+is extended by every folder `barycast` on `sys.path`.
+"""
+
+from pkgutil import extend_path
+
+__path__ = extend_path(__path__, __name__)
+
+from .binding import Binding  # noqa: E402  (the path must be extended first)
+from .cage import Cage, Faces  # noqa: E402
+from .client import Client  # noqa: E402
+from .compute import Computation, Rows  # noqa: E402
+from .errors import BarycastError, InputError, MissingCageError, ServerError  # noqa: E402
+from .mesh_io import load_cage, load_model  # noqa: E402
+
+__all__ = [
+    "BarycastError", "Binding", "Cage", "Client", "Computation", "Faces", "InputError", "MissingCageError", "Rows",
+    "ServerError", "load_cage", "load_model",
+]

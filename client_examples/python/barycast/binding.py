@@ -1,0 +1,103 @@
+"""A binding: the rows of a model's points as one sparse matrix, and posing with it."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from dataclasses import dataclass
+from typing import Any, Dict, List, Optional
+
+import numpy as np
+import scipy.sparse
+
+from . import arrays, files
+from .cage import Cage
+from .compute import Computation, Rows
+from .errors import InputError
+from .report import make_report
+
+
+@dataclass(eq=False)
+class Binding:
+    """Coordinates of n points with respect to a cage of v control vertices.
+
+    matrix: n x v CSR of float32 or float64; rows sum to one. gradients: nnz x d in the order of matrix.data, per unit
+    of the caller's length, or None. flags: n uint8, bits of RowFlag. cage_digest: SHA-256 in hexadecimal.
+    report: how it was computed, plain values (see report.py).
+    """
+
+    matrix: scipy.sparse.csr_matrix
+    gradients: Optional[np.ndarray]
+    flags: np.ndarray
+    cage_digest: str
+    report: Dict[str, Any]
+
+    def deform(self, control_vertices: Any) -> np.ndarray:
+        """n x d float64: the points for posed control vertices (v x d). Throws InputError on another vertex count.
+
+        Evaluated as c + W (V - c), c the centre of the posed cage: rows sum to one, so any c gives the same points,
+        and this one keeps float32's rounding relative to the cage's size instead of its distance from the origin.
+        """
+        posed = arrays.positions(control_vertices, "posed.control_vertices")
+        if len(posed) != self.matrix.shape[1]:
+            raise InputError(f"the posed cage has {len(posed)} control vertices, the binding's cage has "
+                             f"{self.matrix.shape[1]}", field="posed.control_vertices")
+        centre = 0.5 * (posed.min(axis=0) + posed.max(axis=0))
+        return centre + self.matrix @ (posed - centre)
+
+    def save(self, path: files.PathLike) -> None:
+        """Writes an .npz that `Binding.load` and `scipy.sparse.load_npz` read; whole or not at all. Throws InputError
+        when it cannot be written."""
+        matrix = self.matrix
+        entries = {"format": np.array(b"csr"), "shape": np.array(matrix.shape), "data": matrix.data,
+                   "indices": matrix.indices, "indptr": matrix.indptr, "flags": self.flags,
+                   "cage_digest": np.array(self.cage_digest), "report": np.array(json.dumps(self.report))}
+        if self.gradients is not None:
+            entries["gradients"] = self.gradients
+        files.write_atomically(path, lambda file: np.savez(file, **entries))
+
+    @classmethod
+    def load(cls, path: files.PathLike) -> Binding:
+        """Reads what `save` wrote. Throws InputError when the file is something else."""
+        file = files.read(path)
+        try:
+            with file, np.load(file, allow_pickle=False) as entries:
+                parts = (entries["data"], entries["indices"], entries["indptr"])
+                matrix = scipy.sparse.csr_matrix(parts, shape=tuple(entries["shape"]), copy=False)
+                matrix.check_format(full_check=True)  # products do not check indices
+                gradients = entries["gradients"] if "gradients" in entries else None
+                flags, report = entries["flags"], json.loads(str(entries["report"]))
+                if flags.shape != matrix.shape[:1] or (gradients is not None and len(gradients) != matrix.nnz):
+                    raise ValueError
+                return cls(matrix, gradients, flags, str(entries["cage_digest"]), report)
+        except (KeyError, ValueError, TypeError, AttributeError, EOFError, zipfile.BadZipFile) as error:
+            raise InputError("is not a binding; write one with `barycast bind`", field=str(path)) from error
+
+
+def collect(computation: Computation, cage: Cage) -> Binding:
+    """Receives all rows. Every kind of array is joined once and its blocks released before the next kind, so the peak
+    is the result plus its largest array."""
+    blocks: Dict[str, List[np.ndarray]] = {"counts": [], "indices": [], "values": [], "gradients": [], "flags": []}
+    for rows in computation:
+        _append(blocks, rows)
+    gradients = np.concatenate(blocks.pop("gradients")) if blocks["gradients"] else None
+    values = np.concatenate(blocks.pop("values"))
+    flags = np.concatenate(blocks.pop("flags"))
+    counts = np.concatenate(blocks.pop("counts"))
+    # scipy wants one signed type for both index arrays; control vertices are far below 2^31, so this is a view.
+    index_type = np.int32 if len(values) < 2**31 else np.int64
+    indices = np.concatenate(blocks.pop("indices")).view(np.int32).astype(index_type, copy=False)
+    offsets = np.zeros(len(counts) + 1, index_type)
+    np.cumsum(counts, out=offsets[1:])
+    shape = (len(counts), len(cage.control_vertices))
+    matrix = scipy.sparse.csr_matrix((values, indices, offsets), shape=shape, copy=False)
+    return Binding(matrix, gradients, flags, cage.digest.sha256.hex(), make_report(computation, cage))
+
+
+def _append(blocks: Dict[str, List[np.ndarray]], rows: Rows) -> None:
+    blocks["counts"].append(np.diff(rows.offsets))
+    blocks["indices"].append(rows.indices)
+    blocks["values"].append(rows.values)
+    blocks["flags"].append(rows.flags)
+    if rows.gradients is not None:
+        blocks["gradients"].append(rows.gradients)

@@ -1,0 +1,91 @@
+"""What a binding says about itself: as plain values, and as lines for people."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Dict, List
+
+import numpy as np
+
+from .cage import Cage
+from .compute import Computation
+from .errors import InputError
+from .options import describe, flag_names
+
+if TYPE_CHECKING:
+    from .binding import Binding
+
+_COUNTERS = ("samples", "walk_steps", "walks_capped", "walks_discarded", "walk_reentries")
+_SUMMARIZED = {"options", "seconds", "linear_precision_error_max", "warnings", *_COUNTERS}
+
+
+def make_report(computation: Computation, cage: Cage) -> Dict[str, Any]:
+    """From a finished computation. Keys: dimension, points, control_vertices, entries, options (as resolved by the
+    server), the counters of Summary, rows (by flag), linear_precision_error_max (diagonals), seconds (by stage),
+    cage_cache_hit, numerics_version, warnings."""
+    header, summary = computation.header, computation.summary
+    report: Dict[str, Any] = {
+        "dimension": cage.dimension,
+        "points": summary.row_count,
+        "control_vertices": header.control_vertex_count,
+        "entries": summary.entry_count,
+        "options": describe(header.options, header.output),
+        "rows": {field.name: getattr(summary.rows, field.name) for field in summary.rows.DESCRIPTOR.fields},
+        "linear_precision_error_max": summary.linear_precision_error_max,
+        "seconds": {time.stage: time.seconds for time in summary.times},
+        "cage_cache_hit": header.cage_cache_hit,
+        "numerics_version": header.numerics_version,
+        "warnings": [{"field": warning.field, "message": warning.message} for warning in summary.warnings],
+    }
+    report.update({name: getattr(summary, name) for name in _COUNTERS})
+    return report
+
+
+def statistics(binding: Binding) -> Dict[str, Any]:
+    """Recounted from the arrays: points, control_vertices, entries, entries per row (mean, max), rows by flag."""
+    per_row = np.diff(binding.matrix.indptr)
+    flags = {name: int(np.count_nonzero(binding.flags & (1 << bit))) for bit, name in enumerate(flag_names())}
+    return {
+        "points": binding.matrix.shape[0],
+        "control_vertices": binding.matrix.shape[1],
+        "entries": int(binding.matrix.nnz),
+        "entries_per_row_mean": float(per_row.mean()) if len(per_row) else 0.0,
+        "entries_per_row_max": int(per_row.max()) if len(per_row) else 0,
+        "rows": {name.replace("-", "_"): count for name, count in flags.items()},
+    }
+
+
+def linear_precision_error(binding: Binding, cage: Cage, points: np.ndarray) -> float:
+    """Largest |sum a_v x_v - x| / max(1, |x|) over the rows, in double precision, in the cage's normalized frame:
+    origin at the bounding-box centre of the used control vertices, unit its diagonal. points: n x d."""
+    used = cage.control_vertices[cage.used]
+    low, high = used.min(axis=0), used.max(axis=0)
+    centre, diagonal = 0.5 * (low + high), float(np.linalg.norm(high - low))
+    x = (points - centre) / diagonal
+    error = np.linalg.norm(binding.matrix @ ((cage.control_vertices - centre) / diagonal) - x, axis=1)
+    return float((error / np.maximum(1.0, np.linalg.norm(x, axis=1))).max())
+
+
+def summary_lines(binding: Binding) -> List[str]:
+    """A short account of a binding for people. Throws InputError when another program wrote a shorter report."""
+    report, counts = binding.report, statistics(binding)
+    absent = sorted(_SUMMARIZED.difference(report))
+    if absent:
+        raise InputError(f"lacks {', '.join(absent)}; bind again with this version", field="report")
+    options, seconds = report["options"], report["seconds"]
+    stages = ", ".join(f"{stage} {value:.3f}" for stage, value in seconds.items() if stage != "total")
+    rows = ", ".join(f'{count:,} {name.replace("_", " ")}' for name, count in counts["rows"].items() if count)
+    walks = ", ".join(f"{report[name]:,} {label}" for name, label in
+                      (("walk_steps", "walk steps"), ("walks_capped", "capped"), ("walks_discarded", "discarded"),
+                       ("walk_reentries", "re-entries")) if report[name])
+    lines = [
+        f'{counts["points"]:,} points, {counts["control_vertices"]:,} control vertices, {options["coordinates"]}, '
+        f'{options["samples"]} samples per point, preset {options["preset"]}, denoise {options["denoise"]}, '
+        f'seed {options["seed"]}',
+        f'seconds: {seconds.get("total", sum(seconds.values())):.3f} in all ({stages})',
+        f'samples: {report["samples"]:,}' + (f", {walks}" if walks else ""),
+        f'coordinates per row: {counts["entries_per_row_mean"]:.1f} mean, {counts["entries_per_row_max"]} max',
+        f"rows flagged: {rows or 'none'}",
+        f'linear-precision error: {report["linear_precision_error_max"]:.1e} diagonals before rounding to '
+        f'{options["dtype"]}',
+    ]
+    return lines + [f'warning: {warning["field"]}: {warning["message"]}' for warning in report["warnings"]]

@@ -1,0 +1,54 @@
+#include "bind/cage_index.h"
+
+#include "query/distance_index.h"
+#include "query/winding.h"
+
+namespace barycast {
+namespace {
+
+template <int D>
+Result<CageIndex::Structures> build(const CageInput& input) {
+  auto cage = Cage<D>::create(input);
+  if (!cage) return cage.error();
+  auto structures =
+      std::unique_ptr<CageStructures<D>>(new CageStructures<D>{std::move(cage).value(), nullptr, nullptr});
+  auto distance = make_embree_distance_index<D>(structures->cage);
+  if (!distance) return distance.error();
+  structures->distance = std::move(distance).value();
+  structures->winding = std::make_unique<const WindingNumber<D>>(structures->cage);
+  return CageIndex::Structures(std::unique_ptr<const CageStructures<D>>(std::move(structures)));
+}
+
+}  // namespace
+
+Result<std::shared_ptr<const CageIndex>> CageIndex::create(const CageInput& input) {
+  if (input.dimension != 2 && input.dimension != 3)
+    return invalid_argument("cage.control_vertices",
+                            "must have 2 or 3 columns, has " + std::to_string(input.dimension));
+  auto structures = input.dimension == 2 ? build<2>(input) : build<3>(input);
+  if (!structures) return structures.error();
+  return std::shared_ptr<const CageIndex>(new CageIndex(std::move(structures).value(), barycast::digest(input)));
+}
+
+CageIndex::CageIndex(Structures structures, const CageDigest& digest)
+    : structures_(std::move(structures)),
+      digest_(digest),
+      bytes_(sizeof(*this) +
+             std::visit([](const auto& s) { return s->cage.bytes() + s->distance->bytes() + s->winding->bytes(); },
+                        structures_)) {}
+
+CageIndex::~CageIndex() = default;
+
+int CageIndex::dimension() const {
+  return structures_.index() == 0 ? 2 : 3;
+}
+
+uint32_t CageIndex::control_vertex_count() const {
+  return std::visit([](const auto& s) { return s->cage.control_vertex_count(); }, structures_);
+}
+
+std::span<const Warning> CageIndex::warnings() const {
+  return std::visit([](const auto& s) { return s->cage.warnings(); }, structures_);
+}
+
+}  // namespace barycast

@@ -1,0 +1,54 @@
+#pragma once
+
+// A cage with its acceleration structures: what a cache holds, and the only object that concurrent
+// computations share. Const after creation; safe to use from any number of threads. Which index
+// answered (fresh or cached) cannot change a bit of any row.
+
+#include <cstddef>
+#include <memory>
+#include <span>
+#include <variant>
+
+#include "base/result.h"
+#include "cage/cage.h"
+#include "cage/digest.h"
+
+namespace barycast {
+
+template <int D>
+class DistanceIndex;
+template <int D>
+class WindingNumber;
+
+// Lives where it was made: the structures refer to the cage.
+template <int D>
+struct CageStructures {
+  const Cage<D> cage;
+  std::unique_ptr<const DistanceIndex<D>> distance;
+  std::unique_ptr<const WindingNumber<D>> winding;
+};
+
+class CageIndex {
+ public:
+  using Structures = std::variant<std::unique_ptr<const CageStructures<2>>, std::unique_ptr<const CageStructures<3>>>;
+
+  // Errors: those of Cage::create, and kInvalidArgument for a dimension other than 2 or 3.
+  static Result<std::shared_ptr<const CageIndex>> create(const CageInput& input);
+  ~CageIndex();
+
+  int dimension() const;
+  const CageDigest& digest() const { return digest_; }
+  uint32_t control_vertex_count() const;
+  std::span<const Warning> warnings() const;
+  size_t bytes() const { return bytes_; }  // memory held, for the cache's bound
+
+  const Structures& structures() const { return structures_; }
+
+ private:
+  CageIndex(Structures structures, const CageDigest& digest);
+  Structures structures_;
+  CageDigest digest_;
+  size_t bytes_;
+};
+
+}  // namespace barycast

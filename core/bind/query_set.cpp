@@ -1,0 +1,92 @@
+#include "bind/query_set.h"
+
+#include <cmath>
+#include <string>
+#include <unordered_map>
+
+#include "base/random.h"
+#include "base/tolerances.h"
+
+namespace barycast {
+namespace {
+
+std::string item(const char* list, size_t index) {
+  return std::string(list) + "[" + std::to_string(index) + "]";
+}
+
+template <int D>
+Result<std::vector<Vec<D>>> read_points(std::span<const double> coordinates, const Frame<D>& frame) {
+  if (coordinates.empty()) return invalid_argument("points", "there are none; send at least one query point");
+  if (coordinates.size() % D != 0)
+    return invalid_argument("points", "the number of coordinates must be a multiple of " + std::to_string(D));
+  std::vector<Vec<D>> points(coordinates.size() / D);
+  for (size_t i = 0; i < points.size(); ++i) {
+    Vec<D> x;
+    for (int k = 0; k < D; ++k) x[k] = coordinates[i * D + static_cast<size_t>(k)];
+    if (!x.allFinite()) return invalid_argument(item("points", i), "has a coordinate that is not finite");
+    // -0 becomes +0: the two are one position.
+    points[i] = frame.to_normalized(x).array() + 0.0;
+    if (!(points[i].norm() < kQueryReachMax))
+      return invalid_argument(item("points", i), "lies more than 1e9 cage diagonals away; are the units right?");
+  }
+  return points;
+}
+
+Status check_faces(const QueryInput& input, size_t point_count) {
+  const auto& offsets = input.face_offsets;
+  if (offsets.empty())
+    return input.face_corners.empty() ? Status(Done{})
+                                      : Status(invalid_argument("faces", "there are corners, but no faces"));
+  if (offsets.front() != 0 || offsets.back() != input.face_corners.size())
+    return invalid_argument("faces", "the corner counts do not add up to the number of corners");
+  for (size_t f = 0; f + 1 < offsets.size(); ++f) {
+    if (offsets[f + 1] < offsets[f] || offsets[f + 1] - offsets[f] < 3 || offsets[f + 1] > input.face_corners.size())
+      return invalid_argument(item("faces", f), "has fewer than 3 corners");
+    for (uint32_t c = offsets[f]; c < offsets[f + 1]; ++c)
+      if (input.face_corners[c] >= point_count)
+        return invalid_argument(
+            item("faces", f) + ".corner[" + std::to_string(c - offsets[f]) + "]",
+            "index " + std::to_string(input.face_corners[c]) + " >= " + std::to_string(point_count) + " query points");
+  }
+  return Done{};
+}
+
+}  // namespace
+
+template <int D>
+Result<QuerySet<D>> QuerySet<D>::create(const QueryInput& input, const Frame<D>& frame) {
+  auto points = read_points<D>(input.points, frame);
+  if (!points) return points.error();
+  QuerySet set;
+  set.points = std::move(points).value();
+  if (auto status = check_faces(input, set.points.size()); !status) return status.error();
+
+  // Distinct positions in order of first appearance, found by their 64-bit names; a clash of names of
+  // different positions only leaves two nodes where one would do.
+  std::unordered_map<uint64_t, uint32_t> node_of_key;
+  node_of_key.reserve(set.points.size());
+  set.node_of_point.reserve(set.points.size());
+  for (const Vec<D>& x : set.points) {
+    auto next = static_cast<uint32_t>(set.nodes.size());
+    const auto [found, is_new] = node_of_key.try_emplace(position_key<D>(x), next);
+    if (!is_new && set.nodes[found->second] == x) next = found->second;
+    if (next == set.nodes.size()) set.nodes.push_back(x);
+    set.node_of_point.push_back(next);
+  }
+  if (const size_t repeated = set.points.size() - set.nodes.size(); repeated > 0)
+    set.warnings.push_back(
+        {"points", std::to_string(repeated) + " query points coincide with others and get the same rows"});
+
+  for (const Vec<D>& x : set.nodes) {
+    set.mesh.nodes.push_back(Vec<3>::Zero());
+    set.mesh.nodes.back().template head<D>() = x;
+  }
+  set.mesh.face_offsets = input.face_offsets;
+  for (const uint32_t corner : input.face_corners) set.mesh.face_nodes.push_back(set.node_of_point[corner]);
+  return set;
+}
+
+template struct QuerySet<2>;
+template struct QuerySet<3>;
+
+}  // namespace barycast

@@ -1,0 +1,34 @@
+#pragma once
+
+// The validated query points in the cage's normalized frame, and the mesh between their distinct
+// positions. `QuerySet::create` is the only door. Linear in the input.
+
+#include <cstdint>
+#include <vector>
+
+#include "base/result.h"
+#include "base/warning.h"
+#include "bind/binding.h"
+#include "smooth/laplacian.h"
+
+namespace barycast {
+
+template <int D>
+struct QuerySet {
+  // Errors, with paths: no points, a point that is not finite or too far, faces that name missing
+  // points, offsets that do not fit.
+  static Result<QuerySet> create(const QueryInput& input, const Frame<D>& frame);
+
+  std::vector<Vec<D>> points;
+  // Points at equal positions are one node, so that seams of a mesh cannot crack under smoothing. Only
+  // where there are faces.
+  std::vector<Vec<D>> nodes;
+  std::vector<uint32_t> node_of_point;
+  QueryMesh mesh;  // over the nodes
+  std::vector<Warning> warnings;
+};
+
+extern template struct QuerySet<2>;
+extern template struct QuerySet<3>;
+
+}  // namespace barycast

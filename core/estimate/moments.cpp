@@ -1,0 +1,56 @@
+#include "estimate/moments.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace barycast {
+
+template <int D>
+MomentAccumulator<D>::MomentAccumulator(const Cage<D>& cage)
+    : cage_(cage), by_vertex_(cage.control_vertex_count(), Vec<D + 1>::Zero()), touched_(cage.control_vertex_count()) {}
+
+template <int D>
+void MomentAccumulator<D>::accumulate(std::span<const Sample<D>> samples, Moments<D>& out) {
+  out = {};
+  out.sample_count = samples.size();
+  if (samples.empty()) return;
+
+  double weight_sum = 0.0;
+  for (const Sample<D>& sample : samples) {
+    out.centre += std::abs(sample.weight) * sample.point;
+    weight_sum += std::abs(sample.weight);
+  }
+  out.centre /= weight_sum;
+  out.weight_mean = weight_sum / static_cast<double>(samples.size());
+  double spread = 0.0;
+  for (const Sample<D>& sample : samples) spread += std::abs(sample.weight) * (sample.point - out.centre).squaredNorm();
+  // Samples all at one point leave no spread to scale by; the frame's own unit does as well.
+  out.scale = spread > 0.0 ? std::sqrt(weight_sum / spread) : 1.0;
+
+  for (const Sample<D>& sample : samples) {
+    const Vec<D + 1> y = homogeneous<D>((sample.point - out.centre) * out.scale);
+    const Vec<D + 1> weighted = sample.weight * y;
+    out.second += weighted * y.transpose();  // [SBC Eq. 9]
+    basis_.clear();
+    cage_.append_basis(cage_.elements()[sample.element], sample.shares, 1.0, basis_);
+    for (const VertexWeight& phi : basis_) {
+      if (!touched_[phi.vertex]) {
+        touched_[phi.vertex] = true;
+        touched_list_.push_back(phi.vertex);
+      }
+      by_vertex_[phi.vertex] += phi.weight * weighted;  // [SBC Eq. 8]
+    }
+  }
+  std::sort(touched_list_.begin(), touched_list_.end());
+  for (const uint32_t vertex : touched_list_) {
+    out.first.push_back({vertex, by_vertex_[vertex]});
+    by_vertex_[vertex].setZero();
+    touched_[vertex] = false;
+  }
+  touched_list_.clear();
+}
+
+template class MomentAccumulator<2>;
+template class MomentAccumulator<3>;
+
+}  // namespace barycast

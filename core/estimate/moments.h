@@ -1,0 +1,51 @@
+#pragma once
+
+// Moments of the samples of one query [SBC Eq. 8, 9], summed in double and in the order of samples, in
+// a frame centred on the samples and scaled to their spread, where the matrix is well conditioned.
+
+#include <span>
+#include <vector>
+
+#include "cage/cage.h"
+#include "sample/sample.h"
+
+namespace barycast {
+
+// m_v of one control vertex.
+template <int D>
+struct VertexMoment {
+  uint32_t vertex;
+  Vec<D + 1> moment;
+};
+
+// With Y = [(y - centre) scale; 1]: second = sum w Y Y^T, first = sum w phi_v Y for every vertex that a
+// sample touches, ascending.
+template <int D>
+struct Moments {
+  Vec<D> centre = Vec<D>::Zero();
+  double scale = 1.0;
+  Mat<D + 1> second = Mat<D + 1>::Zero();
+  std::vector<VertexMoment<D>> first;
+  double weight_mean = 0.0;  // of |w|
+  size_t sample_count = 0;
+};
+
+// Reusable workspace, one per task: memory for every control vertex.
+template <int D>
+class MomentAccumulator {
+ public:
+  explicit MomentAccumulator(const Cage<D>& cage);
+  void accumulate(std::span<const Sample<D>> samples, Moments<D>& out);
+
+ private:
+  const Cage<D>& cage_;
+  std::vector<Vec<D + 1>> by_vertex_;
+  std::vector<bool> touched_;
+  std::vector<uint32_t> touched_list_;
+  std::vector<VertexWeight> basis_;
+};
+
+extern template class MomentAccumulator<2>;
+extern template class MomentAccumulator<3>;
+
+}  // namespace barycast

@@ -1,0 +1,70 @@
+#include "estimate/point_estimator.h"
+
+#include "base/random.h"
+#include "base/tolerances.h"
+#include "query/element_distance.h"
+
+namespace barycast {
+namespace {
+
+// Nearer than this part of the thickness, the direction from the cage to the query is rounding.
+constexpr double kTie = 1e-6;
+
+}  // namespace
+
+template <int D>
+PointEstimator<D>::PointEstimator(const Cage<D>& cage, const DistanceIndex<D>& distance,
+                                  const WindingNumber<D>& winding, Sampler<D> sampler, const Settings& settings)
+    : cage_(cage),
+      distance_(distance),
+      winding_(winding),
+      sampler_(std::move(sampler)),
+      settings_(settings),
+      projection_(cage, settings.pseudo_samples) {}
+
+// Where a query on the cage takes its samples from [SBC 4.5]: away from the cage, on the query's own
+// side; on the inside where the query lies exactly on an element.
+template <int D>
+Vec<D> PointEstimator<D>::shifted(const Vec<D>& x, const CagePoint<D>& closest) const {
+  const double shift = kFrameShift * settings_.thickness;
+  if (closest.distance > kTie * settings_.thickness)
+    return closest.point + shift / closest.distance * (x - closest.point);
+  const Vec<D> normal = element_normal(cage_, cage_.elements()[closest.element], closest.shares);
+  return closest.point - shift * cage_.orientation() * normal;
+}
+
+template <int D>
+bool PointEstimator<D>::estimate(const Vec<D>& x, const std::atomic<bool>& cancel, Workspace& workspace,
+                                 PointEstimate<D>& out) const {
+  CagePoint<D> closest = distance_.closest(x);
+  out.flags = 0;
+  out.on_cage.reset();
+  const bool tie = closest.distance <= kTie * settings_.thickness;
+  if (!tie && !winding_.inside(x)) out.flags |= kRowOutside;
+  Vec<D> origin = x;
+  double radius = closest.distance;
+  if (closest.distance < settings_.thickness) {
+    out.flags |= kRowOnCage;
+    out.on_cage = closest;
+    origin = shifted(x, closest);
+    radius = distance_.closest(origin).distance;
+  }
+  const QueryRandom random(settings_.seed, position_key<D>(x));
+  const bool complete = std::visit(
+      [&](const auto& sampler) { return sampler.sample(origin, radius, random, cancel, workspace.samples); }, sampler_);
+  if (!complete) return false;
+
+  workspace.accumulator.accumulate(workspace.samples.samples, workspace.moments);
+  projection_.project(workspace.moments, out.projected);
+  out.counts = workspace.samples.counts;
+  if (workspace.samples.samples.size() < kSamplesFew) out.flags |= kRowFewSamples;
+  if (workspace.samples.samples.empty()) out.flags |= kRowNoSamples;
+  if (out.projected.singular) out.flags |= kRowRankDeficient;
+  if (out.on_cage) projection_.pin(*out.on_cage, out.projected);
+  return true;
+}
+
+template class PointEstimator<2>;
+template class PointEstimator<3>;
+
+}  // namespace barycast

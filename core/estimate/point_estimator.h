@@ -1,0 +1,71 @@
+#pragma once
+
+// One query point, from position to linear fits: closest point, samples, moments, projection. The
+// sampling strategy is a closed set, chosen once per binding; a new kind of coordinates is one more
+// alternative here and one file in `sample`.
+
+#include <atomic>
+#include <cstdint>
+#include <optional>
+#include <variant>
+
+#include "estimate/moments.h"
+#include "estimate/projection.h"
+#include "estimate/row_flags.h"
+#include "query/distance_index.h"
+#include "query/winding.h"
+#include "sample/walks.h"
+
+namespace barycast {
+
+template <int D>
+using Sampler = std::variant<HarmonicWalks<D>>;
+
+template <int D>
+struct PointEstimate {
+  Projected<D> projected;
+  std::optional<CagePoint<D>> on_cage;  // y, for a query within the thickness of the cage
+  uint8_t flags = 0;                    // RowFlags
+  SampleCounts counts;
+};
+
+template <int D>
+class PointEstimator {
+ public:
+  struct Settings {
+    double thickness;
+    uint64_t seed;
+    PseudoSamples pseudo_samples;
+  };
+  PointEstimator(const Cage<D>& cage, const DistanceIndex<D>& distance, const WindingNumber<D>& winding,
+                 Sampler<D> sampler, const Settings& settings);
+
+  // Memory that one task reuses from point to point.
+  struct Workspace {
+    explicit Workspace(const Cage<D>& cage) : accumulator(cage) {}
+    MomentAccumulator<D> accumulator;
+    Moments<D> moments;
+    SampleSet<D> samples;
+  };
+
+  // A function of x (normalized frame), the seed and the settings alone. False: `cancel` was seen set.
+  // Const and thread-safe, a workspace per thread.
+  bool estimate(const Vec<D>& x, const std::atomic<bool>& cancel, Workspace& workspace, PointEstimate<D>& out) const;
+
+  const Projection<D>& projection() const { return projection_; }
+
+ private:
+  Vec<D> shifted(const Vec<D>& x, const CagePoint<D>& closest) const;
+
+  const Cage<D>& cage_;
+  const DistanceIndex<D>& distance_;
+  const WindingNumber<D>& winding_;
+  Sampler<D> sampler_;
+  Settings settings_;
+  Projection<D> projection_;
+};
+
+extern template class PointEstimator<2>;
+extern template class PointEstimator<3>;
+
+}  // namespace barycast

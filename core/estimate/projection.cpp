@@ -1,0 +1,72 @@
+#include "estimate/projection.h"
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+#include <algorithm>
+
+#include "base/tolerances.h"
+
+namespace barycast {
+namespace {
+
+template <int N>
+bool is_singular(const Mat<N>& matrix) {
+  const Eigen::SelfAdjointEigenSolver<Mat<N>> solver(matrix, Eigen::EigenvaluesOnly);
+  const auto magnitudes = solver.eigenvalues().cwiseAbs();
+  return !(magnitudes.minCoeff() >= kMomentRcondMin * magnitudes.maxCoeff()) || magnitudes.maxCoeff() == 0.0;
+}
+
+}  // namespace
+
+template <int D>
+Projection<D>::Projection(const Cage<D>& cage, PseudoSamples policy)
+    : cage_(cage), policy_(policy), vertex_second_(Mat<D + 1>::Zero()) {
+  for (const uint32_t v : cage.used_vertices()) {
+    const Vec<D + 1> x = homogeneous<D>(cage.control_vertices()[v]);
+    vertex_second_ += x * x.transpose();
+  }
+}
+
+template <int D>
+void Projection<D>::project(const Moments<D>& moments, Projected<D>& out) const {
+  out.fits.clear();
+  out.pseudo.setZero();
+  // To the moments' frame: Y = local [y; 1].
+  Mat<D + 1> local = Mat<D + 1>::Zero();
+  local.diagonal().setConstant(moments.scale);
+  local(D, D) = 1.0;
+  local.template topRightCorner<D, 1>() = -moments.scale * moments.centre;
+
+  Mat<D + 1> second = moments.second;
+  out.singular = moments.sample_count == 0 || (policy_ == PseudoSamples::kWhenSingular && is_singular<D + 1>(second));
+  const bool pseudo = policy_ == PseudoSamples::kAlways || out.singular;
+  const double mean = moments.sample_count == 0 ? 1.0 : moments.weight_mean;
+  const double pseudo_weight = kPseudoSampleWeight * mean / static_cast<double>(cage_.used_vertices().size());
+  if (pseudo) second += pseudo_weight * (local * vertex_second_ * local.transpose());
+
+  // u_v = M^-1 m_v [SBC Eq. 7], then back: u . Y = (local^T u) . [y; 1].
+  const Mat<D + 1> solve = local.transpose() * second.inverse();
+  for (const VertexMoment<D>& first : moments.first) out.fits.push_back({first.vertex, solve * first.moment});
+  // The pseudo-samples' own m_v is pseudo_weight [x_v; 1], for phi_v is 1 there and the others are 0.
+  if (pseudo) out.pseudo = pseudo_weight * (solve * local);
+}
+
+template <int D>
+void Projection<D>::pin(const CagePoint<D>& y, Projected<D>& projected) const {
+  std::vector<VertexWeight> basis;
+  cage_.append_basis(cage_.elements()[y.element], y.shares, 1.0, basis);
+  for (LinearFit<D>& fit : projected.fits) fit.u[D] = -fit.u.template head<D>().dot(y.point);
+  projected.pseudo.row(D) = -y.point.transpose() * projected.pseudo.template topRows<D>();
+  for (const VertexWeight& phi : basis) {
+    auto at = std::lower_bound(projected.fits.begin(), projected.fits.end(), phi.vertex,
+                               [](const LinearFit<D>& fit, uint32_t vertex) { return fit.vertex < vertex; });
+    if (at == projected.fits.end() || at->vertex != phi.vertex)
+      at = projected.fits.insert(at, {phi.vertex, Vec<D + 1>::Zero()});
+    at->u[D] += phi.weight;
+  }
+}
+
+template class Projection<2>;
+template class Projection<3>;
+
+}  // namespace barycast

@@ -1,0 +1,17 @@
+#pragma once
+
+// What a row has to say about itself; the same numbers as RowFlag in the API.
+
+#include <cstdint>
+
+namespace barycast {
+
+enum RowFlags : uint8_t {
+  kRowOnCage = 1,          // within the thickness: the cage's basis, extended to first order
+  kRowOutside = 2,         // generalized winding number below one half in magnitude
+  kRowFewSamples = 4,      // fewer than kSamplesFew samples arrived
+  kRowNoSamples = 8,       // none arrived: the affine least-squares row
+  kRowRankDeficient = 16,  // pseudo-samples stepped in for a singular moment matrix
+};
+
+}  // namespace barycast

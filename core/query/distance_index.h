@@ -1,0 +1,49 @@
+#pragma once
+
+// The border of the distance engines: closest points on a cage, and radii that are free of it. Engines
+// drop in here; answers must not depend on the engine's traversal (ties go to the lowest element).
+// Everything is const after construction and safe to call from any number of threads.
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <span>
+
+#include "cage/cage.h"
+
+namespace barycast {
+
+// A point of the cage.
+template <int D>
+struct CagePoint {
+  double distance;               // from the query
+  uint32_t element;              // of Cage::elements(), the lowest of equally near ones
+  std::array<double, 4> shares;  // of the element's corners
+  Vec<D> point;                  // y = sum share_i corner_i
+};
+
+template <int D>
+class DistanceIndex {
+ public:
+  virtual ~DistanceIndex() = default;
+
+  // The closest point, decided in double.
+  virtual CagePoint<D> closest(const Vec<D>& x) const = 0;
+
+  // Radii of balls around points that contain no point of the cage: never more than the distance, and
+  // as good as half of it. hints[i] carries what the engine found for the walk's last position to its
+  // next one; kNoHint to begin with. Hints never change an answer.
+  virtual void free_radii(std::span<const Vec<D>> points, std::span<uint32_t> hints, std::span<double> radii) const = 0;
+
+  virtual size_t bytes() const = 0;
+};
+
+inline constexpr uint32_t kNoHint = 0xFFFFFFFFu;
+
+// Embree's point query over user geometry, for every element kind and both dimensions; Embree proposes
+// candidates from padded boxes, our double tests decide. Builds in milliseconds.
+// Error: kInternal when Embree fails (memory).
+template <int D>
+Result<std::unique_ptr<const DistanceIndex<D>>> make_embree_distance_index(const Cage<D>& cage);
+
+}  // namespace barycast

@@ -1,0 +1,207 @@
+#include "query/element_distance.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace barycast {
+namespace {
+
+template <int D>
+ElementPoint<D> at_shares(const Vec<D>& x, const std::array<const Vec<D>*, 3>& corner,
+                          const std::array<double, 4>& shares) {
+  Vec<D> point = shares[0] * *corner[0] + shares[1] * *corner[1];
+  if (corner[2] != nullptr) point += shares[2] * *corner[2];
+  return {(point - x).squaredNorm(), point, shares};
+}
+
+double clamp01(double t) {
+  return std::clamp(t, 0.0, 1.0);
+}
+
+}  // namespace
+
+template <int D>
+ElementPoint<D> closest_on_segment(const Vec<D>& x, const Vec<D>& a, const Vec<D>& b) {
+  const Vec<D> ab = b - a;
+  const double t = clamp01(ab.dot(x - a) / ab.squaredNorm());
+  return at_shares<D>(x, {&a, &b, nullptr}, {1 - t, t, 0, 0});
+}
+template ElementPoint<2> closest_on_segment<2>(const Vec<2>&, const Vec<2>&, const Vec<2>&);
+template ElementPoint<3> closest_on_segment<3>(const Vec<3>&, const Vec<3>&, const Vec<3>&);
+
+// By the Voronoi regions of vertices, edges and face [Ericson 2005, 5.1.5].
+ElementPoint<3> closest_on_triangle(const Vec<3>& x, const Vec<3>& a, const Vec<3>& b, const Vec<3>& c) {
+  const std::array<const Vec<3>*, 3> corner{&a, &b, &c};
+  const Vec<3> ab = b - a, ac = c - a, ax = x - a;
+  const double d1 = ab.dot(ax), d2 = ac.dot(ax);
+  if (d1 <= 0 && d2 <= 0) return at_shares<3>(x, corner, {1, 0, 0, 0});
+  const Vec<3> bx = x - b;
+  const double d3 = ab.dot(bx), d4 = ac.dot(bx);
+  if (d3 >= 0 && d4 <= d3) return at_shares<3>(x, corner, {0, 1, 0, 0});
+  const double vc = d1 * d4 - d3 * d2;
+  if (vc <= 0 && d1 >= 0 && d3 <= 0) {
+    const double t = d1 / (d1 - d3);
+    return at_shares<3>(x, corner, {1 - t, t, 0, 0});
+  }
+  const Vec<3> cx = x - c;
+  const double d5 = ab.dot(cx), d6 = ac.dot(cx);
+  if (d6 >= 0 && d5 <= d6) return at_shares<3>(x, corner, {0, 0, 1, 0});
+  const double vb = d5 * d2 - d1 * d6;
+  if (vb <= 0 && d2 >= 0 && d6 <= 0) {
+    const double t = d2 / (d2 - d6);
+    return at_shares<3>(x, corner, {1 - t, 0, t, 0});
+  }
+  const double va = d3 * d6 - d5 * d4;
+  if (va <= 0 && d4 - d3 >= 0 && d5 - d6 >= 0) {
+    const double t = (d4 - d3) / ((d4 - d3) + (d5 - d6));
+    return at_shares<3>(x, corner, {0, 1 - t, t, 0});
+  }
+  const double scale = 1 / (va + vb + vc);
+  const double v = vb * scale, w = vc * scale;
+  return at_shares<3>(x, corner, {1 - v - w, v, w, 0});
+}
+
+TriangleDistance::TriangleDistance(const Vec<3>& a, const Vec<3>& b, const Vec<3>& c) {
+  // The longest edge first: it has a direction even where the triangle has no area.
+  const double ab = (b - a).squaredNorm(), bc = (c - b).squaredNorm(), ca = (a - c).squaredNorm();
+  const bool bc_longest = bc > ab && bc >= ca, ca_longest = !bc_longest && ca > ab;
+  const Vec<3>& p = bc_longest ? b : ca_longest ? c : a;
+  const Vec<3>& q = bc_longest ? c : ca_longest ? a : b;
+  const Vec<3>& r = bc_longest ? a : ca_longest ? b : c;
+  length_ = (q - p).norm();
+  const Vec<3> along = length_ > 0 ? Vec<3>((q - p) / length_) : Vec<3>(Vec<3>::UnitX());
+  Vec<3> across = (r - p) - (r - p).dot(along) * along;
+  // Without area any direction across will do: the third corner lies on the edge.
+  across = across.norm() > 1e-14 * length_ ? Vec<3>(across.normalized()) : Vec<3>(along.unitOrthogonal());
+  axes_.row(0) = along.transpose();
+  axes_.row(1) = across.transpose();
+  axes_.row(2) = along.cross(across).transpose();
+  offset_ = -(axes_ * p);
+  const Vec<2> corner((r - p).dot(along), (r - p).dot(across));
+  const Vec<2> from_q = corner - Vec<2>(length_, 0);
+  ac_length_ = corner.norm();
+  bc_length_ = from_q.norm();
+  if (ac_length_ > 0) ac_ = corner / ac_length_;
+  if (bc_length_ > 0) bc_ = from_q / bc_length_;
+}
+
+BilinearPatch BilinearPatch::part(const PatchWindow& window) const {
+  const double u1 = window.u + window.size, v1 = window.v + window.size;
+  return {{at(window.u, window.v), at(u1, window.v), at(u1, v1), at(window.u, v1)}};
+}
+
+double BilinearPatch::triangle_deviation() const {
+  // At equal parameters patch and triangles differ by v (1 - u) T with T the twist vector: T / 4 at most.
+  const Vec<3> twist = corner[0] - corner[1] + corner[2] - corner[3];
+  const double by_parameters = twist.norm() / 4;
+  // Seen along the common normal of the diagonals, a convex quad's diagonals cross. Then every chord of
+  // the corners' tetrahedron in that direction runs between the two triangles and the other two faces,
+  // and none is longer than the gap between the diagonals; the patch lies inside.
+  const Vec<3> diagonal0 = corner[2] - corner[0], diagonal1 = corner[3] - corner[1];
+  const Vec<3> normal = diagonal0.cross(diagonal1);
+  const double squared = normal.squaredNorm();
+  if (!(squared > 0)) return by_parameters;
+  const Vec<3> between = corner[1] - corner[0];
+  const double s = between.cross(diagonal1).dot(normal) / squared;  // where on diagonal 0
+  const double t = between.cross(diagonal0).dot(normal) / squared;  // where on diagonal 1
+  if (!(s >= 0 && s <= 1 && t >= 0 && t <= 1)) return by_parameters;
+  return std::min(by_parameters, std::abs(between.dot(normal)) / std::sqrt(squared));
+}
+
+int BilinearPatch::cuts(double deviation_max, double deviation_of_size, int cuts_max) const {
+  double size = 0.0;
+  for (size_t i = 0; i < 4; ++i) size = std::max(size, (corner[(i + 1) % 4] - corner[i]).norm());
+  // The deviation falls with the square of the part's size.
+  double deviation = triangle_deviation();
+  int result = 0;
+  while (result < cuts_max && (deviation > deviation_of_size * size || deviation > deviation_max)) {
+    deviation /= 4;
+    size /= 2;
+    ++result;
+  }
+  return result;
+}
+
+BilinearPatch patch_of(const Cage<3>& cage, const Element& element) {
+  return {{cage.corner(element, 0), cage.corner(element, 1), cage.corner(element, 2), cage.corner(element, 3)}};
+}
+
+Vec<2> element_normal(const Cage<2>& cage, const Element& element, const std::array<double, 4>&) {
+  const Vec<2> along = cage.corner(element, 1) - cage.corner(element, 0);
+  return Vec<2>(along[1], -along[0]).normalized();
+}
+
+Vec<3> element_normal(const Cage<3>& cage, const Element& element, const std::array<double, 4>& shares) {
+  const Vec<3>& a = cage.corner(element, 0);
+  const Vec<3>& b = cage.corner(element, 1);
+  const Vec<3>& c = cage.corner(element, 2);
+  if (element.kind == ElementKind::kTriangle) return (b - a).cross(c - a).normalized();
+  const Vec<3>& d = cage.corner(element, 3);
+  const double u = shares[1] + shares[2], v = shares[2] + shares[3];
+  const Vec<3> tangent_u = (1 - v) * (b - a) + v * (c - d), tangent_v = (1 - u) * (d - a) + u * (c - b);
+  const Vec<3> normal = tangent_u.cross(tangent_v);
+  // Where corners coincide the patch has no normal; that of its diagonals stands in.
+  return normal.squaredNorm() > 0 ? normal.normalized() : Vec<3>((c - a).cross(d - b).normalized());
+}
+
+std::vector<PatchWindow> patch_windows(int cuts) {
+  const int count = 1 << cuts;
+  std::vector<PatchWindow> windows;
+  for (int j = 0; j < count; ++j)
+    for (int i = 0; i < count; ++i) windows.push_back({double(i) / count, double(j) / count, 1.0 / count});
+  return windows;
+}
+
+ElementPoint<3> closest_on_patch(const Vec<3>& x, const BilinearPatch& patch, const PatchWindow& window) {
+  // q(u, v) = origin + u a + v b + u v twist
+  const Vec<3> a = patch.corner[1] - patch.corner[0], b = patch.corner[3] - patch.corner[0];
+  const Vec<3> twist = patch.corner[2] - patch.corner[3] - a;
+  const Vec<3> from_x = patch.corner[0] - x;
+  const double u0 = window.u, v0 = window.v, u1 = u0 + window.size, v1 = v0 + window.size;
+
+  const BilinearPatch part = window.size == 1.0 ? patch : patch.part(window);
+  const auto lower = closest_on_triangle(x, part.corner[0], part.corner[1], part.corner[2]);
+  const auto upper = closest_on_triangle(x, part.corner[0], part.corner[2], part.corner[3]);
+  const bool in_lower = lower.distance_squared <= upper.distance_squared;
+  double u = u0 + window.size * (in_lower ? lower.shares[1] + lower.shares[2] : upper.shares[1]);
+  double v = v0 + window.size * (in_lower ? lower.shares[2] : upper.shares[1] + upper.shares[2]);
+
+  // With one parameter fixed the patch is a line in the other: exact one-dimensional minima.
+  const auto best_u = [&](double at_v) {
+    const Vec<3> direction = a + at_v * twist;
+    const double squared = direction.squaredNorm();
+    return squared > 0 ? std::clamp(-direction.dot(from_x + at_v * b) / squared, u0, u1) : u0;
+  };
+  const auto best_v = [&](double at_u) {
+    const Vec<3> direction = b + at_u * twist;
+    const double squared = direction.squaredNorm();
+    return squared > 0 ? std::clamp(-direction.dot(from_x + at_u * a) / squared, v0, v1) : v0;
+  };
+  for (int iteration = 0; iteration < 12; ++iteration) {
+    const Vec<3> tangent_u = a + v * twist, tangent_v = b + u * twist;
+    const Vec<3> offset = from_x + u * a + v * tangent_v;
+    const double gradient_u = offset.dot(tangent_u), gradient_v = offset.dot(tangent_v);
+    const double huu = tangent_u.squaredNorm(), hvv = tangent_v.squaredNorm();
+    const double huv = tangent_u.dot(tangent_v) + offset.dot(twist);
+    const double determinant = huu * hvv - huv * huv;
+    double next_u = u, next_v = v;
+    if (determinant > 1e-6 * huu * hvv) {
+      next_u = u - (hvv * gradient_u - huv * gradient_v) / determinant;
+      next_v = v - (huu * gradient_v - huv * gradient_u) / determinant;
+    }
+    const bool inside = next_u >= u0 && next_u <= u1 && next_v >= v0 && next_v <= v1;
+    if (!inside || !(determinant > 1e-6 * huu * hvv)) {
+      next_u = best_u(std::clamp(next_v, v0, v1));
+      next_v = best_v(next_u);
+    }
+    const double change = std::abs(next_u - u) + std::abs(next_v - v);
+    u = next_u;
+    v = next_v;
+    if (change <= 1e-12 * window.size) break;
+  }
+  const auto shares = patch.shares(u, v);
+  const Vec<3> point = patch.at(u, v);
+  return {(point - x).squaredNorm(), point, shares};
+}
+
+}  // namespace barycast

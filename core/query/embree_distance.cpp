@@ -1,0 +1,237 @@
+#include <embree3/rtcore.h>
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include "base/check.h"
+#include "query/distance_index.h"
+#include "query/element_distance.h"
+
+namespace barycast {
+namespace {
+
+// A patch is cut until its triangles follow it within this part of its size: one Newton run then finds
+// the global minimum, and the triangles give radii that are nearly the distance.
+constexpr double kDeviationOfSize = 0.05;
+// ... and within this absolute deviation, so that walks need the exact patch for their last steps only.
+constexpr double kDeviationMax = 2e-3;
+constexpr int kCutsMax = 4;  // 16 x 16 windows
+
+// An element, or a window of a quad: what Embree sees.
+template <int D>
+struct Facet {
+  uint32_t element;
+  ElementKind kind;
+  std::array<Vec<D>, 4> corner;
+  double deviation = 0.0;  // of the patch from its two triangles
+  PatchWindow window;
+  std::array<TriangleDistance, D == 3 ? 2 : 0> triangle;  // one, or the two of a quad
+};
+
+template <int D>
+std::vector<Facet<D>> make_facets(const Cage<D>& cage) {
+  std::vector<Facet<D>> facets;
+  for (uint32_t e = 0; e < cage.elements().size(); ++e) {
+    const Element& element = cage.elements()[e];
+    if (element.kind != ElementKind::kQuad) {
+      Facet<D> facet{.element = e, .kind = element.kind, .corner = {}, .window = {}, .triangle = {}};
+      for (int i = 0; i < element.corner_count(); ++i) facet.corner[static_cast<size_t>(i)] = cage.corner(element, i);
+      if constexpr (D == 3) facet.triangle[0] = {facet.corner[0], facet.corner[1], facet.corner[2]};
+      facets.push_back(facet);
+      continue;
+    }
+    if constexpr (D == 3) {
+      const BilinearPatch patch = patch_of(cage, element);
+      for (const PatchWindow& window : patch_windows(patch.cuts(kDeviationMax, kDeviationOfSize, kCutsMax))) {
+        const BilinearPatch part = patch.part(window);
+        facets.push_back({e,
+                          ElementKind::kQuad,
+                          part.corner,
+                          part.triangle_deviation(),
+                          window,
+                          {TriangleDistance(part.corner[0], part.corner[1], part.corner[2]),
+                           TriangleDistance(part.corner[0], part.corner[2], part.corner[3])}});
+      }
+    }
+  }
+  return facets;
+}
+
+RTCDevice device() {
+  // One for the process, never released: Embree's own threads are not used (it builds on the caller's
+  // TBB arena), and releasing it at exit would race with static destruction.
+  static const RTCDevice instance = rtcNewDevice(nullptr);
+  return instance;
+}
+
+struct SceneDeleter {
+  void operator()(RTCScene scene) const { rtcReleaseScene(scene); }
+};
+
+// Float radius that covers a double one: Embree works in floats, and its query point is rounded.
+float covering_radius(double radius, double reach) {
+  return static_cast<float>(radius * (1 + 1e-5) + 1e-6 * (1 + reach));
+}
+
+template <int D>
+class EmbreeDistance final : public DistanceIndex<D> {
+ public:
+  explicit EmbreeDistance(const Cage<D>& cage) : cage_(cage), facets_(make_facets(cage)) {
+    for (const Facet<D>& facet : facets_) deviation_max_ = std::max(deviation_max_, facet.deviation);
+  }
+
+  Status build() {
+    if (device() == nullptr) return Error{ErrorCode::kInternal, "", "Embree could not be started"};
+    scene_.reset(rtcNewScene(device()));
+    RTCGeometry geometry = rtcNewGeometry(device(), RTC_GEOMETRY_TYPE_USER);
+    rtcSetGeometryUserPrimitiveCount(geometry, static_cast<unsigned>(facets_.size()));
+    rtcSetGeometryUserData(geometry, const_cast<std::vector<Facet<D>>*>(&facets_));
+    rtcSetGeometryBoundsFunction(geometry, facet_bounds, nullptr);
+    rtcCommitGeometry(geometry);
+    rtcAttachGeometry(scene_.get(), geometry);
+    rtcReleaseGeometry(geometry);
+    rtcCommitScene(scene_.get());
+    if (const RTCError error = rtcGetDeviceError(device()); error != RTC_ERROR_NONE)
+      return Error{ErrorCode::kInternal, "", "Embree failed with error " + std::to_string(error)};
+    return Done{};
+  }
+
+  CagePoint<D> closest(const Vec<D>& x) const override {
+    ClosestSearch search{this, x, x.norm(), {}, kNoHint};
+    search.best.distance_squared = std::numeric_limits<double>::infinity();
+    run(x, std::numeric_limits<float>::infinity(), visit_closest, &search);
+    BARYCAST_CHECK(search.facet != kNoHint);
+    return {std::sqrt(search.best.distance_squared), facets_[search.facet].element, search.best.shares,
+            search.best.point};
+  }
+
+  void free_radii(std::span<const Vec<D>> points, std::span<uint32_t> hints, std::span<double> radii) const override {
+    for (size_t i = 0; i < points.size(); ++i) {
+      RadiusSearch search{this, points[i], points[i].norm(), std::numeric_limits<double>::infinity(), hints[i]};
+      float radius = std::numeric_limits<float>::infinity();
+      if (hints[i] != kNoHint) {
+        search.radius = lower_bound(facets_[hints[i]], points[i]);
+        radius = search.cover();
+      }
+      run(points[i], radius, visit_radius, &search);
+      hints[i] = search.facet;
+      radii[i] = search.radius;
+    }
+  }
+
+  size_t bytes() const override {
+    // Embree's tree of user primitives: about 100 bytes each, and a page or two.
+    return sizeof(*this) + facets_.size() * (sizeof(Facet<D>) + 100) + 16384;
+  }
+
+ private:
+  struct ClosestSearch {
+    const EmbreeDistance* index;
+    Vec<D> x;
+    double reach;
+    ElementPoint<D> best;
+    uint32_t facet;
+  };
+  struct RadiusSearch {
+    const EmbreeDistance* index;
+    Vec<D> x;
+    double reach;
+    double radius;
+    uint32_t facet;
+    // A facet's bound falls short of its distance by two deviations at most; searching that much further
+    // makes the minimum independent of the order of visits.
+    float cover() const { return covering_radius(radius + 2 * index->deviation_max_, reach); }
+  };
+
+  static void facet_bounds(const RTCBoundsFunctionArguments* args) {
+    const Facet<D>& facet = (*static_cast<const std::vector<Facet<D>>*>(args->geometryUserPtr))[args->primID];
+    Vec<D> low = facet.corner[0], high = low;
+    for (int i = 1; i < 2 + static_cast<int>(facet.kind); ++i) {
+      low = low.cwiseMin(facet.corner[static_cast<size_t>(i)]);
+      high = high.cwiseMax(facet.corner[static_cast<size_t>(i)]);
+    }
+    float bounds[6] = {};  // z = 0 in the plane
+    for (int i = 0; i < D; ++i) {
+      bounds[i] = std::nextafter(static_cast<float>(low[i]), -1.0f);
+      bounds[3 + i] = std::nextafter(static_cast<float>(high[i]), 1.0f);
+    }
+    *args->bounds_o = {bounds[0], bounds[1], bounds[2], 0, bounds[3], bounds[4], bounds[5], 0};
+  }
+
+  void run(const Vec<D>& x, float radius, RTCPointQueryFunction visit, void* search) const {
+    RTCPointQuery query{};
+    query.x = static_cast<float>(x[0]);
+    query.y = static_cast<float>(x[1]);
+    if constexpr (D == 3) query.z = static_cast<float>(x[2]);
+    query.radius = radius;
+    RTCPointQueryContext context;
+    rtcInitPointQueryContext(&context);
+    rtcPointQuery(scene_.get(), &query, &context, visit, search);
+  }
+
+  ElementPoint<D> closest_on(const Facet<D>& facet, const Vec<D>& x) const {
+    if constexpr (D == 3) {
+      if (facet.kind == ElementKind::kTriangle)
+        return closest_on_triangle(x, facet.corner[0], facet.corner[1], facet.corner[2]);
+      if (facet.kind == ElementKind::kQuad)
+        return closest_on_patch(x, patch_of(cage_, cage_.elements()[facet.element]), facet.window);
+    }
+    return closest_on_segment<D>(x, facet.corner[0], facet.corner[1]);
+  }
+
+  // At most the distance to the facet, to rounding; at least half of it.
+  double lower_bound(const Facet<D>& facet, const Vec<D>& x) const {
+    if constexpr (D == 3) {
+      double by_triangles = facet.triangle[0].squared(x);
+      if (facet.kind == ElementKind::kTriangle) return std::sqrt(by_triangles);
+      by_triangles = std::sqrt(std::min(by_triangles, facet.triangle[1].squared(x)));
+      if (by_triangles >= 4 * facet.deviation) return by_triangles - facet.deviation;
+    }
+    return std::sqrt(closest_on(facet, x).distance_squared);
+  }
+
+  static bool visit_closest(RTCPointQueryFunctionArguments* args) {
+    auto& search = *static_cast<ClosestSearch*>(args->userPtr);
+    const Facet<D>& facet = search.index->facets_[args->primID];
+    const ElementPoint<D> candidate = search.index->closest_on(facet, search.x);
+    const bool nearer = candidate.distance_squared < search.best.distance_squared ||
+                        (candidate.distance_squared == search.best.distance_squared && args->primID < search.facet);
+    if (!nearer) return false;
+    search.best = candidate;
+    search.facet = args->primID;
+    args->query->radius = covering_radius(std::sqrt(candidate.distance_squared), search.reach);
+    return true;
+  }
+
+  static bool visit_radius(RTCPointQueryFunctionArguments* args) {
+    auto& search = *static_cast<RadiusSearch*>(args->userPtr);
+    if (args->primID == search.facet) return false;  // the hint, already counted
+    const double bound = search.index->lower_bound(search.index->facets_[args->primID], search.x);
+    if (!(bound < search.radius)) return false;
+    search.radius = bound;
+    search.facet = args->primID;
+    args->query->radius = search.cover();
+    return true;
+  }
+
+  const Cage<D>& cage_;
+  std::vector<Facet<D>> facets_;
+  double deviation_max_ = 0.0;
+  std::unique_ptr<RTCSceneTy, SceneDeleter> scene_;
+};
+
+}  // namespace
+
+template <int D>
+Result<std::unique_ptr<const DistanceIndex<D>>> make_embree_distance_index(const Cage<D>& cage) {
+  auto index = std::make_unique<EmbreeDistance<D>>(cage);
+  if (auto status = index->build(); !status) return status.error();
+  return std::unique_ptr<const DistanceIndex<D>>(std::move(index));
+}
+
+template Result<std::unique_ptr<const DistanceIndex<2>>> make_embree_distance_index(const Cage<2>&);
+template Result<std::unique_ptr<const DistanceIndex<3>>> make_embree_distance_index(const Cage<3>&);
+
+}  // namespace barycast

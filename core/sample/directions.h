@@ -1,0 +1,83 @@
+#pragma once
+
+// Random directions and the exact law of where a walk from outside first meets a sphere about the
+// origin. All from two uniform numbers each, in double, with a sine and cosine of our own so that bits
+// do not depend on the system's mathematics library.
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+
+#include "base/vector.h"
+
+namespace barycast {
+
+struct SineCosine {
+  double sine, cosine;
+};
+
+// Of 2 pi turns, turns in [0, 1]; error below 1e-15 (Taylor series about the nearest quarter turn).
+inline SineCosine sine_cosine_of_turns(double turns) {
+  const double quarter = std::nearbyint(4 * turns);
+  const double x = (turns - 0.25 * quarter) * (2 * std::numbers::pi), x2 = x * x;
+  double s = -1.0 / 1307674368000;
+  for (const double divisor : {6227020800.0, -39916800.0, 362880.0, -5040.0, 120.0, -6.0}) s = s * x2 + 1.0 / divisor;
+  s = (s * x2 + 1.0) * x;
+  double c = 1.0 / 20922789888000;
+  for (const double divisor : {-87178291200.0, 479001600.0, -3628800.0, 40320.0, -720.0, 24.0, -2.0})
+    c = c * x2 + 1.0 / divisor;
+  c = c * x2 + 1.0;
+  switch (static_cast<int>(quarter) & 3) {
+    case 0:
+      return {s, c};
+    case 1:
+      return {c, -s};
+    case 2:
+      return {-s, -c};
+    default:
+      return {-c, s};
+  }
+}
+
+template <int D>
+Vec<D> uniform_direction(const std::array<double, 2>& random) {
+  const SineCosine angle = sine_cosine_of_turns(random[0]);
+  if constexpr (D == 2) {
+    return {angle.cosine, angle.sine};
+  } else {
+    const double z = 1 - 2 * random[1];
+    const double r = std::sqrt(std::max(0.0, 1 - z * z));
+    return {r * angle.cosine, r * angle.sine, z};
+  }
+}
+
+// Where Brownian motion from x, |x| > radius, first meets the sphere of that radius about the origin,
+// given that it does: the exterior Poisson kernel, by inversion of its distribution function. In the
+// plane it always does; in space with probability radius / |x|.
+template <int D>
+Vec<D> exterior_hit(const Vec<D>& x, double radius, const std::array<double, 2>& random) {
+  const double distance = x.norm(), rho = radius / distance;
+  const Vec<D> axis = x / distance;
+  if constexpr (D == 2) {
+    // tan(theta / 2) = (1 - rho) / (1 + rho) tan(pi (random - 1/2)), as a rotation by theta.
+    const SineCosine half = sine_cosine_of_turns(0.5 * random[0]);
+    const double s = -(1 - rho) * half.cosine, c = (1 + rho) * half.sine;
+    const double scale = 1 / (s * s + c * c);
+    const double cosine = (c * c - s * s) * scale, sine = 2 * s * c * scale;
+    return radius * Vec<2>(axis[0] * cosine - axis[1] * sine, axis[1] * cosine + axis[0] * sine);
+  } else {
+    // cos(theta) = (1 + rho^2 - t^2) / (2 rho) with t = (1 - rho^2) / (1 - rho + 2 rho random), written
+    // without the cancellation at small rho.
+    const double denominator = 1 - rho + 2 * rho * random[0];
+    const double t = (1 - rho * rho) / denominator;
+    const double cosine = std::clamp(0.5 * ((2 * random[0] - 1 + rho) * (1 + t) / denominator + rho), -1.0, 1.0);
+    const double sine = std::sqrt(1 - cosine * cosine);
+    const Vec<3> helper = std::abs(axis[0]) < 0.5 ? Vec<3>::UnitX() : Vec<3>::UnitY();
+    const Vec<3> tangent0 = axis.cross(helper).normalized(), tangent1 = axis.cross(tangent0);
+    const SineCosine around = sine_cosine_of_turns(random[1]);
+    return radius * (cosine * axis + sine * (around.cosine * tangent0 + around.sine * tangent1));
+  }
+}
+
+}  // namespace barycast

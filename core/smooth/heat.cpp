@@ -1,0 +1,93 @@
+#include "smooth/heat.h"
+
+#include <cmath>
+
+namespace barycast {
+namespace {
+
+constexpr size_t kCheckEvery = 2048;  // rows between two looks at `cancel`, well below a millisecond
+
+using Sparse = Eigen::SparseMatrix<double>;
+
+}  // namespace
+
+Result<HeatKernel> HeatKernel::create(const MeshLaplacian& laplacian, double time) {
+  std::vector<int> row_of(static_cast<size_t>(laplacian.area.size()), -1);
+  std::vector<uint32_t> active;
+  for (Eigen::Index i = 0; i < laplacian.area.size(); ++i) {
+    if (!(laplacian.area[i] > 0.0)) continue;
+    row_of[static_cast<size_t>(i)] = static_cast<int>(active.size());
+    active.push_back(static_cast<uint32_t>(i));
+  }
+  std::vector<Eigen::Triplet<double>> entries;
+  for (int column = 0; column < laplacian.stiffness.outerSize(); ++column)
+    for (Sparse::InnerIterator it(laplacian.stiffness, column); it; ++it)
+      if (it.row() >= it.col())
+        entries.emplace_back(row_of[static_cast<size_t>(it.row())], row_of[static_cast<size_t>(column)],
+                             time * it.value());
+  for (size_t i = 0; i < active.size(); ++i)
+    entries.emplace_back(static_cast<int>(i), static_cast<int>(i), laplacian.area[active[i]]);
+  const auto size = static_cast<Eigen::Index>(active.size());
+  Sparse matrix(size, size);
+  // Active nodes were renumbered in order, so the lower triangle stays the lower triangle.
+  matrix.setFromTriplets(entries.begin(), entries.end());
+  const Eigen::SimplicialLDLT<Sparse, Eigen::Lower, Eigen::AMDOrdering<int>> ldlt(matrix);
+  const Eigen::VectorXd pivots = ldlt.vectorD();  // a copy every time it is asked for
+  if (ldlt.info() != Eigen::Success || (size > 0 && !(pivots.minCoeff() > 0.0)))
+    return Error{ErrorCode::kInternal, "faces", "the smoothing matrix is not positive definite; ask for no denoising"};
+
+  HeatKernel kernel;
+  const Sparse& lower = ldlt.matrixL().nestedExpression();
+  kernel.node_.resize(active.size());
+  kernel.area_.resize(active.size());
+  for (size_t i = 0; i < active.size(); ++i) {
+    const auto row = static_cast<size_t>(ldlt.permutationP().indices()[static_cast<Eigen::Index>(i)]);
+    kernel.node_[row] = active[i];
+    kernel.area_[row] = laplacian.area[active[i]];
+  }
+  kernel.column_begin_.assign(lower.outerIndexPtr(), lower.outerIndexPtr() + size + 1);
+  kernel.row_.assign(lower.innerIndexPtr(), lower.innerIndexPtr() + kernel.column_begin_.back());
+  kernel.factor_.assign(lower.valuePtr(), lower.valuePtr() + kernel.column_begin_.back());
+  for (Eigen::Index i = 0; i < size; ++i) kernel.inverse_pivot_.push_back(1.0 / pivots[i]);
+  return kernel;
+}
+
+bool HeatKernel::smooth(std::vector<double>& block, std::vector<double>& workspace,
+                        const std::atomic<bool>& cancel) const {
+  workspace.resize(node_.size() * kColumns);
+  double* const x = workspace.data();
+  for (size_t i = 0; i < node_.size(); ++i)
+    for (size_t k = 0; k < kColumns; ++k) x[i * kColumns + k] = area_[i] * block[node_[i] * kColumns + k];
+
+  for (size_t j = 0; j < node_.size(); ++j) {  // L y = A b, column by column
+    if (j % kCheckEvery == 0 && cancel.load(std::memory_order_relaxed)) return false;
+    double pivot[kColumns];
+    for (size_t k = 0; k < kColumns; ++k) pivot[k] = x[j * kColumns + k];
+    for (int e = column_begin_[j]; e < column_begin_[j + 1]; ++e) {
+      double* const target = x + static_cast<size_t>(row_[static_cast<size_t>(e)]) * kColumns;
+      const double l = factor_[static_cast<size_t>(e)];
+      for (size_t k = 0; k < kColumns; ++k) target[k] -= l * pivot[k];
+    }
+  }
+  for (size_t j = node_.size(); j-- > 0;) {  // L^T x = D^-1 y
+    if (j % kCheckEvery == 0 && cancel.load(std::memory_order_relaxed)) return false;
+    double sum[kColumns];
+    for (size_t k = 0; k < kColumns; ++k) sum[k] = inverse_pivot_[j] * x[j * kColumns + k];
+    for (int e = column_begin_[j]; e < column_begin_[j + 1]; ++e) {
+      const double* const source = x + static_cast<size_t>(row_[static_cast<size_t>(e)]) * kColumns;
+      const double l = factor_[static_cast<size_t>(e)];
+      for (size_t k = 0; k < kColumns; ++k) sum[k] -= l * source[k];
+    }
+    for (size_t k = 0; k < kColumns; ++k) x[j * kColumns + k] = sum[k];
+  }
+  for (size_t i = 0; i < node_.size(); ++i)
+    for (size_t k = 0; k < kColumns; ++k) block[node_[i] * kColumns + k] = x[i * kColumns + k];
+  return true;
+}
+
+size_t HeatKernel::bytes() const {
+  return factor_.size() * (sizeof(double) + sizeof(int)) +
+         node_.size() * (sizeof(uint32_t) + sizeof(int) + 2 * sizeof(double));
+}
+
+}  // namespace barycast

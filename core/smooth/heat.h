@@ -1,0 +1,41 @@
+#pragma once
+
+// One implicit step of heat flow, (A + t L)^-1 A [SBC 4.4]: factor once, then solve for many columns,
+// kColumns at a time. Rows sum to one, so smoothing every u_v by the same operator keeps linear
+// precision. Nodes without area are left alone. Double throughout; every column is solved in one fixed
+// order, so threads that share the work cannot change a bit.
+
+#include <Eigen/SparseCholesky>
+#include <atomic>
+#include <vector>
+
+#include "base/result.h"
+#include "smooth/laplacian.h"
+
+namespace barycast {
+
+class HeatKernel {
+ public:
+  // Columns of one solve: two cache lines per node, enough to hide the memory of the factor.
+  static constexpr size_t kColumns = 16;
+
+  // Factors A + t L. Error: kInternal when the matrix is not positive definite to rounding.
+  static Result<HeatKernel> create(const MeshLaplacian& laplacian, double time);
+
+  // Smooths a node-major block (nodes x kColumns) in place. `workspace` is any vector, reused between
+  // calls. False: `cancel` was seen set, and the block is in no defined state. Const, thread-safe.
+  bool smooth(std::vector<double>& block, std::vector<double>& workspace, const std::atomic<bool>& cancel) const;
+
+  size_t bytes() const;
+
+ private:
+  HeatKernel() = default;
+  std::vector<uint32_t> node_;     // of each row of the factor, in its elimination order
+  std::vector<double> area_;       // by row
+  std::vector<int> column_begin_;  // of the unit lower triangular factor, below its diagonal
+  std::vector<int> row_;
+  std::vector<double> factor_;
+  std::vector<double> inverse_pivot_;
+};
+
+}  // namespace barycast

@@ -1,0 +1,43 @@
+#pragma once
+
+// The polygon Laplacian of de Goes, Butts and Desbrun 2020 over a query mesh, with vertex areas: for
+// triangles the cotangent Laplacian, for any planar or non-planar polygon a consistent extension.
+// Zero-area faces are skipped. Linear in the mesh; dense algebra per face.
+
+#include <Eigen/SparseCore>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "base/vector.h"
+
+namespace barycast {
+
+// Nodes are the distinct positions of the query points; a mesh in the plane has z = 0.
+struct QueryMesh {
+  std::vector<Vec<3>> nodes;
+  std::vector<uint32_t> face_offsets;  // k + 1
+  std::vector<uint32_t> face_nodes;
+
+  size_t face_count() const { return face_offsets.empty() ? 0 : face_offsets.size() - 1; }
+  std::span<const uint32_t> face(size_t i) const {
+    return {face_nodes.data() + face_offsets[i], face_offsets[i + 1] - face_offsets[i]};
+  }
+};
+
+struct MeshLaplacian {
+  Eigen::SparseMatrix<double> stiffness;  // L, symmetric positive semi-definite, rows sum to zero
+  Eigen::VectorXd area;                   // diagonal of A; 0 where a node belongs to no face with area
+  size_t faces_skipped = 0;               // without area, or with more than 256 corners
+};
+
+MeshLaplacian polygon_laplacian(const QueryMesh& mesh);
+
+// Mean over the mesh's edges of their squared length; 0 when there are none. Edges between coincident
+// points do not count.
+double mean_squared_edge(const QueryMesh& mesh);
+
+// s(m) of [SBC 4.4], the paper's rule for less smoothing with more samples.
+double smoothing_scale(double samples);
+
+}  // namespace barycast

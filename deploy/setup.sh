@@ -1,0 +1,39 @@
+#!/usr/bin/env bash
+# Installs what building, testing and the demo need on Debian 12, where it is missing; a second run does nothing.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+packages=(
+  g++ cmake ninja-build ccache pkg-config
+  libgrpc++-dev protobuf-compiler protobuf-compiler-grpc libprotobuf-dev grpc-proto
+  libembree-dev libtbb-dev libspdlog-dev libfmt-dev libeigen3-dev libcli11-dev libssl-dev
+  libgtest-dev libgmock-dev clang libclang-rt-14-dev clang-format clang-tidy
+  python3-grpcio python3-protobuf python3-numpy python3-scipy python3-pytest python3-matplotlib python3-tqdm
+)
+
+installed=$(dpkg-query -W -f='${Package} ${db:Status-Status}\n' "${packages[@]}" 2>/dev/null \
+  | sed -n 's/ installed$//p' || true)
+missing=()
+for package in "${packages[@]}"; do
+  grep -qxF "$package" <<<"$installed" || missing+=("$package")
+done
+if ((${#missing[@]})); then
+  echo "setup: installing ${missing[*]}"
+  root=()
+  [ "$(id -u)" -eq 0 ] || root=(sudo)
+  export DEBIAN_FRONTEND=noninteractive
+  "${root[@]}" apt-get update -qq </dev/null
+  "${root[@]}" apt-get install -y -qq --no-install-recommends "${missing[@]}" </dev/null >/dev/null
+fi
+
+# buf lints the API. It is not packaged for Debian, so it comes from npm and is optional.
+if [ ! -x build/tools/node_modules/.bin/buf ]; then
+  if ! command -v npm >/dev/null; then
+    echo "setup: npm is absent, so buf is not installed and the API will not be linted"
+  elif mkdir -p build/tools \
+    && npm install --silent --no-fund --no-audit --prefix build/tools '@bufbuild/buf@1' </dev/null; then
+    echo "setup: installed buf $(build/tools/node_modules/.bin/buf --version)"
+  else
+    echo "setup: npm could not install buf, so the API will not be linted"
+  fi
+fi

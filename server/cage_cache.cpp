@@ -1,0 +1,103 @@
+#include "cage_cache.h"
+
+#include <new>
+
+namespace barycast::server {
+namespace {
+
+// Whoever waits must hear of the end of a build, so that no exception may pass it.
+Result<CageCache::Index> run(const CageCache::Build& build) {
+  try {
+    return build();
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kResourceExhausted, "cage", "out of memory while it was built; use a coarser cage"};
+  } catch (const std::exception& e) {
+    return Error{ErrorCode::kInternal, "cage", e.what()};
+  }
+}
+
+}  // namespace
+
+CageCache::Found CageCache::get(const CageDigest& digest, const Build& build, Waiter waiter) {
+  Index held;
+  {
+    const std::lock_guard lock(mutex_);
+    held = touch(digest);
+    if (!held) {
+      const auto [building, first] = building_.try_emplace(digest);
+      building->second.push_back(std::move(waiter));
+      if (!first) return Found::kJoined;
+    }
+  }
+  if (held) {
+    waiter(std::move(held), Found::kHit);
+    return Found::kHit;
+  }
+  const Result<Index> built = run(build);
+  std::vector<Waiter> waiters;
+  std::vector<Index> evicted;  // destroyed outside the mutex
+  {
+    const std::lock_guard lock(mutex_);
+    const auto building = building_.find(digest);
+    waiters = std::move(building->second);
+    building_.erase(building);
+    if (built.ok()) keep(digest, *built, evicted);
+  }
+  // The first to ask is the one that built.
+  for (size_t i = 0; i < waiters.size(); ++i) waiters[i](built, i == 0 ? Found::kBuilt : Found::kJoined);
+  return Found::kBuilt;
+}
+
+CageCache::Found CageCache::find(const CageDigest& digest, Waiter waiter) {
+  Index held;
+  {
+    const std::lock_guard lock(mutex_);
+    held = touch(digest);
+    if (!held) {
+      const auto building = building_.find(digest);
+      if (building == building_.end()) return Found::kMissing;
+      building->second.push_back(std::move(waiter));
+      return Found::kJoined;
+    }
+  }
+  waiter(std::move(held), Found::kHit);
+  return Found::kHit;
+}
+
+bool CageCache::contains(const CageDigest& digest) {
+  const std::lock_guard lock(mutex_);
+  return touch(digest) != nullptr;
+}
+
+uint64_t CageCache::bytes() const {
+  const std::lock_guard lock(mutex_);
+  return bytes_;
+}
+
+size_t CageCache::entry_count() const {
+  const std::lock_guard lock(mutex_);
+  return entries_.size();
+}
+
+CageCache::Index CageCache::touch(const CageDigest& digest) {
+  const auto found = by_digest_.find(digest);
+  if (found == by_digest_.end()) return nullptr;
+  entries_.splice(entries_.begin(), entries_, found->second);
+  return found->second->index;
+}
+
+void CageCache::keep(const CageDigest& digest, Index index, std::vector<Index>& evicted) {
+  if (index->bytes() > bytes_max_) return;
+  bytes_ += index->bytes();
+  entries_.push_front({digest, std::move(index)});
+  by_digest_[digest] = entries_.begin();
+  while (bytes_ > bytes_max_) {
+    Entry& last = entries_.back();
+    bytes_ -= last.index->bytes();
+    by_digest_.erase(last.digest);
+    evicted.push_back(std::move(last.index));
+    entries_.pop_back();
+  }
+}
+
+}  // namespace barycast::server

@@ -1,0 +1,61 @@
+#pragma once
+
+// Cages with their acceleration structures, by digest: an LRU bounded by bytes, with single-flight
+// builds. However many requests ask for one cage at once, it is built once; those that wait leave a
+// callback and block no thread. An entry lives on in the requests that use it after it is evicted.
+//
+// Thread-safe. A lookup costs a mutex and a map; builds and callbacks run outside the mutex.
+// A failed build reaches everyone who waits for it and is not kept. A cage larger than the bound is
+// served and not kept. Callers pass digests that the server computed itself, so nobody can poison an
+// entry.
+
+#include <cstdint>
+#include <functional>
+#include <list>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <vector>
+
+#include "base/result.h"
+#include "bind/cage_index.h"
+
+namespace barycast::server {
+
+class CageCache {
+ public:
+  using Index = std::shared_ptr<const CageIndex>;
+  using Build = std::function<Result<Index>()>;
+  // kHit: held. kJoined: another request builds it. kBuilt: built here and now, on this thread.
+  enum class Found { kHit, kJoined, kBuilt, kMissing };
+  // Called exactly once: before get() returns, or later on the thread of another request's build.
+  using Waiter = std::function<void(Result<Index>, Found)>;
+
+  explicit CageCache(uint64_t bytes_max) : bytes_max_(bytes_max) {}
+
+  Found get(const CageDigest& digest, const Build& build, Waiter waiter);
+  // Never builds; kMissing: the waiter is dropped uncalled.
+  Found find(const CageDigest& digest, Waiter waiter);
+  // Held now. Counts as a use: who asks is about to refer to it.
+  bool contains(const CageDigest& digest);
+
+  uint64_t bytes() const;
+  size_t entry_count() const;
+
+ private:
+  struct Entry {
+    CageDigest digest;
+    Index index;
+  };
+  Index touch(const CageDigest& digest);                                          // under the mutex
+  void keep(const CageDigest& digest, Index index, std::vector<Index>& evicted);  // under the mutex
+
+  const uint64_t bytes_max_;
+  mutable std::mutex mutex_;
+  uint64_t bytes_ = 0;
+  std::list<Entry> entries_;  // most recently used first
+  std::map<CageDigest, std::list<Entry>::iterator> by_digest_;
+  std::map<CageDigest, std::vector<Waiter>> building_;
+};
+
+}  // namespace barycast::server

@@ -1,0 +1,28 @@
+#include "cage_request.h"
+
+#include <fmt/format.h>
+
+namespace barycast::server {
+
+Status check_digest(const CageDigest& actual, const std::optional<CageDigest>& expected,
+                    const std::string& expected_path) {
+  if (!expected || *expected == actual) return Done{};
+  return invalid_argument(
+      expected_path, fmt::format("{} of {} bytes, but the cage's digest is {} of {} bytes; compute it over the "
+                                 "canonical bytes, or leave it out",
+                                 hexadecimal(*expected), expected->size_bytes, hexadecimal(actual), actual.size_bytes));
+}
+
+CageCache::Found get_index(CageCache& cages, const CageDigest& digest, CageStorage storage, CageCache::Waiter waiter) {
+  const auto build = [&storage]() -> Result<CageCache::Index> {
+    Result<CageCache::Index> index = CageIndex::create(storage.input());
+    if (index.ok()) return index;
+    Error error = index.error();
+    // Whatever its origin, users see paths that start at the cage.
+    if (!error.field.starts_with("cage")) error.field = error.field.empty() ? "cage" : "cage." + error.field;
+    return error;
+  };
+  return cages.get(digest, build, std::move(waiter));
+}
+
+}  // namespace barycast::server

@@ -1,0 +1,24 @@
+#pragma once
+
+// From a decoded cage to its shared index: digest, comparison with what the client expected, cache, and
+// at most one build. Linear in the cage, plus the build (tens of milliseconds) where the cache misses.
+// Runs on the compute arena.
+
+#include <functional>
+#include <optional>
+#include <string>
+
+#include "cage_cache.h"
+#include "decode.h"
+
+namespace barycast::server {
+
+// Errors: a digest that is not the expected one. `expected_path` names the field that held it.
+Status check_digest(const CageDigest& actual, const std::optional<CageDigest>& expected,
+                    const std::string& expected_path);
+
+// Builds the index of `storage` unless the cache holds it or another request builds it. `waiter` is
+// called exactly once, see CageCache. Errors: those of Cage::create, with paths from "cage".
+CageCache::Found get_index(CageCache& cages, const CageDigest& digest, CageStorage storage, CageCache::Waiter waiter);
+
+}  // namespace barycast::server

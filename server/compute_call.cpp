@@ -1,0 +1,153 @@
+#include "compute_call.h"
+
+#include <deque>
+#include <mutex>
+
+#include "call_log.h"
+#include "compute_job.h"
+
+namespace barycast::server {
+namespace {
+
+using Request = v1::ComputeCoordinatesRequest;
+using Response = v1::ComputeCoordinatesResponse;
+
+// Messages that may be ready while another is being written.
+constexpr size_t kMessagesAhead = 1;
+
+std::string metadata_digest(const grpc::CallbackServerContext& context) {
+  const auto found = context.client_metadata().find("x-cage-digest");
+  return found == context.client_metadata().end() ? "" : std::string(found->second.data(), found->second.size());
+}
+
+// Two phases. Receiving: a chain of read -> task -> read, nothing else in flight; a refusal ends it at
+// once. It ends with the client's half-close, so that nothing is computed for a request that turns out to
+// be wrong. Answering: tasks produce, writes consume, and `pump` decides under the mutex what is next.
+// Finish is called when nothing else is in flight, and `this` is not touched after it: OnDone deletes.
+class ComputeCall final : public grpc::ServerBidiReactor<Request, Response> {
+ public:
+  ComputeCall(ServiceState& state, grpc::CallbackServerContext& context)
+      : state_(state), log_(state, "ComputeCoordinates", context), job_(state, metadata_digest(context)) {
+    if (state.draining) {
+      conclude(draining_refusal());
+    } else {
+      StartRead(&request_);
+    }
+  }
+
+  void OnReadDone(bool ok) override {
+    state_.arena.post([this, ok] { ok ? receive() : end_of_input(); });
+  }
+
+  void OnWriteDone(bool ok) override {
+    std::unique_lock lock(mutex_);
+    outgoing_.pop_front();
+    writing_ = false;
+    if (!ok) log_.mark_cancelled();
+    pump(std::move(lock));
+  }
+
+  // Whatever is in flight (a read, a task, a write) ends soon, sees the flag, and finishes the call.
+  void OnCancel() override { log_.mark_cancelled(); }
+
+  void OnDone() override { delete this; }
+
+ private:
+  // Receiving, on the arena.
+
+  void receive() {
+    if (log_.cancelled()) return conclude(cancelled_refusal());
+    guarded(
+        [this] {
+          job_.receive(request_, [this](std::optional<Refusal> refusal) {
+            if (refusal) return conclude(*refusal);
+            request_ = {};  // Clear() would keep its memory
+            StartRead(&request_);
+          });
+        },
+        [this](const Refusal& refusal) { conclude(refusal); });
+  }
+
+  void end_of_input() {
+    // A broken stream and a half-close both end the input; only the latter is followed by work.
+    if (log_.cancelled()) return conclude(cancelled_refusal());
+    request_ = {};
+    guarded(
+        [this] {
+          std::variant<Response, Refusal> header = job_.end_of_input();
+          if (const Refusal* refusal = std::get_if<Refusal>(&header)) return conclude(*refusal);
+          std::unique_lock lock(mutex_);
+          outgoing_.push_back(std::move(std::get<Response>(header)));
+          pump(std::move(lock));
+        },
+        [this](const Refusal& refusal) { conclude(refusal); });
+  }
+
+  void conclude(const Refusal& refusal) { send(to_status(refusal)); }
+
+  // Answering.
+
+  void step() {
+    bool report;
+    {
+      const std::lock_guard lock(mutex_);
+      report = !writing_;
+    }
+    ComputeJob::Step step;
+    guarded([&] { step = job_.step(log_.cancel_flag(), report); },
+            [&step](const Refusal& refusal) { step.refusal = refusal; });
+    std::unique_lock lock(mutex_);
+    stepping_ = false;
+    if (step.message) outgoing_.push_back(std::move(*step.message));
+    if (step.is_last) status_ = grpc::Status::OK;
+    if (step.refusal) status_ = to_status(*step.refusal);
+    pump(std::move(lock));
+  }
+
+  // Starts whatever may start now. Consumes the lock: the last thing that a caller does.
+  void pump(std::unique_lock<std::mutex> lock) {
+    if (log_.cancelled()) {
+      // The message being written stays until OnWriteDone.
+      outgoing_.erase(outgoing_.begin() + (writing_ ? 1 : 0), outgoing_.end());
+      if (!status_ || status_->ok()) status_ = to_status(cancelled_refusal());
+    }
+    if (!writing_ && !outgoing_.empty()) {
+      writing_ = true;
+      StartWrite(&outgoing_.front());
+    }
+    const size_t ready = outgoing_.size() - (writing_ ? 1 : 0);
+    if (!status_ && !stepping_ && ready < kMessagesAhead) {
+      stepping_ = true;
+      state_.arena.post([this] { step(); });
+    }
+    const bool finished = status_ && !stepping_ && !writing_;
+    lock.unlock();
+    if (finished) send(*status_);
+  }
+
+  void send(const grpc::Status status) {
+    job_.close();
+    log_.set_outcome(status, job_.description());
+    Finish(status);
+  }
+
+  ServiceState& state_;
+  CallLog log_;
+  ComputeJob job_;
+  Request request_;
+
+  std::mutex mutex_;
+  std::deque<Response> outgoing_;  // the first is being written while writing_
+  bool writing_ = false;
+  bool stepping_ = false;
+  std::optional<grpc::Status> status_;  // decided; sent once everything before it is
+};
+
+}  // namespace
+
+grpc::ServerBidiReactor<Request, Response>* new_compute_call(ServiceState& state,
+                                                             grpc::CallbackServerContext& context) {
+  return new ComputeCall(state, context);
+}
+
+}  // namespace barycast::server

@@ -1,0 +1,189 @@
+#include "compute_job.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "cage_request.h"
+#include "encode.h"
+
+namespace barycast::server {
+namespace {
+
+// Where the client leaves it to us, even dense rows stay below the 4 MiB that gRPC clients accept unless
+// told otherwise; where it does not, two blocks on their way must not outweigh the request itself.
+constexpr uint64_t kBlockBytesDefault = 3ull << 20;
+constexpr uint64_t kBlockBytesMax = 64ull << 20;
+constexpr uint32_t kBlockRowsDefault = 4096;
+constexpr std::chrono::milliseconds kReportInterval{100};
+
+Refusal refuse(Error error) {
+  return {.error = std::move(error), .missing_digest = {}, .retry_after_ms = {}};
+}
+
+Refusal missing_cage(const CageDigest& digest) {
+  Refusal refusal =
+      refuse({ErrorCode::kFailedPrecondition, "header.cage_digest",
+              fmt::format("this server does not hold cage {}; upload it, or send it inline", hexadecimal(digest))});
+  refusal.missing_digest = hexadecimal(digest);
+  return refusal;
+}
+
+}  // namespace
+
+ComputeJob::ComputeJob(ServiceState& state, std::string metadata_digest)
+    : state_(state), metadata_digest_(std::move(metadata_digest)) {}
+
+void ComputeJob::receive(const v1::ComputeCoordinatesRequest& message, Then then) {
+  using Message = v1::ComputeCoordinatesRequest;
+  if (message.message_case() == Message::kHeader) {
+    if (plan_) return then(refuse(invalid_argument("header", "a second one; send one header, first")));
+    return start(message.header(), std::move(then));
+  }
+  if (message.message_case() == Message::MESSAGE_NOT_SET) {
+    return then(refuse(invalid_argument("message", "neither header, points nor faces; set one of them")));
+  }
+  if (!plan_) return then(refuse(invalid_argument("header", "missing; the first message must be the header")));
+  const Status added =
+      message.message_case() == Message::kPoints ? assembler_->add(message.points()) : assembler_->add(message.faces());
+  then(added.ok() ? std::nullopt : std::optional(refuse(added.error())));
+}
+
+void ComputeJob::start(const v1::ComputeHeader& header, Then then) {
+  cage_start_ = Clock::now();
+  Result<ComputePlan> plan = decode_header(header, state_.limits);
+  if (!plan) return then(refuse(plan.error()));
+  plan_ = std::move(*plan);
+  // What follows `then` must not touch this job: the answer may already be on its way, and the job gone.
+  const auto waiter = [this, then](Result<CageCache::Index> index, CageCache::Found found) {
+    then(use_index(std::move(index), found == CageCache::Found::kHit));
+  };
+  if (!plan_->cage) {
+    const CageDigest named = *plan_->digest;
+    digest_text_ = hexadecimal(named);
+    if (std::optional<Refusal> refusal = check_metadata(named)) return then(std::move(refusal));
+    if (state_.cages.find(named, waiter) == CageCache::Found::kMissing) then(missing_cage(named));
+    return;
+  }
+  CageStorage storage = std::move(*plan_->cage);
+  plan_->cage.reset();
+  const CageDigest digest = barycast::digest(storage.input());
+  digest_text_ = hexadecimal(digest);
+  if (Status same = check_digest(digest, plan_->digest, "header.expected_digest"); !same)
+    return then(refuse(same.error()));
+  if (std::optional<Refusal> refusal = check_metadata(digest)) return then(std::move(refusal));
+  if (std::optional<Refusal> refusal = admit(storage.dimension, storage.control_vertex_count())) {
+    return then(std::move(refusal));
+  }
+  get_index(state_.cages, digest, std::move(storage), waiter);
+}
+
+std::optional<Refusal> ComputeJob::check_metadata(const CageDigest& digest) const {
+  if (metadata_digest_.empty() || metadata_digest_ == hexadecimal(digest)) return std::nullopt;
+  return refuse(
+      invalid_argument("metadata.x-cage-digest",
+                       fmt::format("is not the cage's digest, {}; send that, or leave it out", hexadecimal(digest))));
+}
+
+std::optional<Refusal> ComputeJob::use_index(Result<CageCache::Index> index, bool cache_hit) {
+  if (!index) return refuse(index.error());
+  index_ = std::move(*index);
+  cache_hit_ = cache_hit;
+  if (!ticket_) {
+    if (std::optional<Refusal> refusal = admit(index_->dimension(), index_->control_vertex_count())) return refusal;
+  }
+  assembler_.emplace(plan_->counts, index_->dimension());
+  cage_s_ = std::chrono::duration<double>(Clock::now() - cage_start_).count();
+  return std::nullopt;
+}
+
+std::optional<Refusal> ComputeJob::admit(int dimension, uint64_t control_vertices) {
+  const QueryCounts& counts = plan_->counts;
+  const uint64_t bytes =
+      estimate_memory_bytes(dimension, control_vertices, counts.points, counts.corners, plan_->options);
+  if (bytes > state_.limits.request_bytes_max) {
+    return refuse({ErrorCode::kResourceExhausted, "header.queries",
+                   fmt::format("about {} bytes of working memory, more than this server's limit of {}; cut the points "
+                               "into several requests, or set denoise to none",
+                               bytes, state_.limits.request_bytes_max)});
+  }
+  auto entered = state_.admission.enter(bytes);
+  if (Refusal* busy = std::get_if<Refusal>(&entered)) return std::move(*busy);
+  ticket_ = std::move(std::get<std::unique_ptr<Admission::Ticket>>(entered));
+  return std::nullopt;
+}
+
+uint32_t ComputeJob::choose_block_rows() const {
+  const uint64_t row_bytes =
+      index_->control_vertex_count() * entry_bytes(index_->dimension(), plan_->options.gradients, plan_->float64);
+  const bool asked = plan_->block_rows != 0;
+  const uint64_t fit = std::max<uint64_t>(1, (asked ? kBlockBytesMax : kBlockBytesDefault) / row_bytes);
+  const uint32_t wanted = asked ? plan_->block_rows : std::min(kBlockRowsDefault, state_.limits.block_rows_max);
+  return static_cast<uint32_t>(std::min<uint64_t>(wanted, fit));
+}
+
+std::variant<ComputeJob::Response, Refusal> ComputeJob::end_of_input() {
+  if (!plan_) return refuse(invalid_argument("header", "missing; the first message must be the header"));
+  Result<QueryInput> queries = assembler_->take();
+  if (!queries) return refuse(queries.error());
+  const uint32_t block_rows = choose_block_rows();
+  Result<std::unique_ptr<Binding>> binding =
+      Binding::create(index_, std::move(*queries),
+                      {.options = plan_->options, .block_rows = block_rows, .first_row = plan_->first_row});
+  if (!binding) return refuse(binding.error());
+  binding_ = std::move(*binding);
+  return encode_header({.digest = index_->digest(),
+                        .cage_cache_hit = cache_hit_,
+                        .options = plan_->options,
+                        .smoothing_time = binding_->smoothing_time(),
+                        .float64 = plan_->float64,
+                        .block_rows = block_rows,
+                        .control_vertex_count = index_->control_vertex_count()});
+}
+
+ComputeJob::Step ComputeJob::step(const std::atomic<bool>& cancel, bool report) {
+  Step step;
+  state_.counters.steps.fetch_add(1, std::memory_order_relaxed);
+  switch (binding_->advance(cancel)) {
+    case Binding::Step::kWorking:
+      if (report) step.message = progress_message();
+      break;
+    case Binding::Step::kBlock:
+      step.message = encode_rows(binding_->take_block(), index_->dimension(), plan_->float64);
+      state_.counters.blocks_produced.fetch_add(1, std::memory_order_relaxed);
+      break;
+    case Binding::Step::kDone:
+      summary_ = binding_->summary();
+      step.message = encode_summary(summary_, cage_s_);
+      step.is_last = true;
+      break;
+    case Binding::Step::kCancelled:
+      step.refusal = refuse({ErrorCode::kCancelled, "", "cancelled by the client or past its deadline"});
+      break;
+  }
+  return step;
+}
+
+std::optional<ComputeJob::Response> ComputeJob::progress_message() {
+  const Clock::time_point now = Clock::now();
+  if (now - reported_ < kReportInterval) return std::nullopt;
+  reported_ = now;
+  return encode_progress(binding_->progress());
+}
+
+void ComputeJob::close() {
+  if (binding_) summary_ = binding_->summary();
+  binding_.reset();
+  assembler_.reset();
+  index_.reset();
+  ticket_.reset();
+}
+
+std::string ComputeJob::description() const {
+  const QueryCounts counts = plan_ ? plan_->counts : QueryCounts{};
+  return fmt::format("cage={} cache={} points={} faces={} samples={} rows={} entries={}", digest_text_,
+                     cache_hit_ ? "hit" : "miss", counts.points, counts.faces, summary_.samples, summary_.rows,
+                     summary_.entries);
+}
+
+}  // namespace barycast::server

@@ -1,0 +1,77 @@
+#pragma once
+
+// One ComputeCoordinates request from its header to its summary, without its transport: what arrives is
+// checked and collected, then `step` is pulled until the end. Each call does a bounded piece of work and
+// never blocks; all calls are made on the compute arena, one at a time.
+//
+//   receive(header) receive(points)* receive(faces)* end_of_input() step()* close()
+//
+// After a refusal nothing else may be called but close(). Memory: what the client sent, the binding, and
+// the admission of both, all given back by close().
+
+#include <atomic>
+#include <chrono>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <variant>
+
+#include "barycast/v1/barycast.pb.h"
+#include "query_assembler.h"
+#include "refusal.h"
+#include "service_state.h"
+
+namespace barycast::server {
+
+class ComputeJob {
+ public:
+  using Response = v1::ComputeCoordinatesResponse;
+
+  // `metadata_digest`: the x-cage-digest that came with the call, or empty.
+  ComputeJob(ServiceState& state, std::string metadata_digest);
+
+  // `then` is called exactly once, with what is wrong or nothing; later and on another thread where the
+  // cage is being built by another request.
+  void receive(const v1::ComputeCoordinatesRequest& message, std::function<void(std::optional<Refusal>)> then);
+  // Everything is there: makes the binding. The answer's header, or what is wrong.
+  std::variant<Response, Refusal> end_of_input();
+
+  struct Step {
+    std::optional<Response> message;
+    bool is_last = false;  // the message is the summary
+    std::optional<Refusal> refusal;
+  };
+  // `report`: also say how far it is, a few times per second.
+  Step step(const std::atomic<bool>& cancel, bool report);
+
+  void close();
+  // Digest, sizes and counts so far, for the log: "cage=... points=...".
+  std::string description() const;
+
+ private:
+  using Then = std::function<void(std::optional<Refusal>)>;
+  void start(const v1::ComputeHeader& header, Then then);
+  std::optional<Refusal> check_metadata(const CageDigest& digest) const;
+  std::optional<Refusal> use_index(Result<CageCache::Index> index, bool cache_hit);
+  std::optional<Refusal> admit(int dimension, uint64_t control_vertices);
+  uint32_t choose_block_rows() const;
+  std::optional<Response> progress_message();
+
+  using Clock = std::chrono::steady_clock;
+  ServiceState& state_;
+  const std::string metadata_digest_;
+  std::optional<ComputePlan> plan_;
+  std::string digest_text_ = "-";
+  Clock::time_point cage_start_;
+  double cage_s_ = 0.0;
+  bool cache_hit_ = false;
+  std::unique_ptr<Admission::Ticket> ticket_;
+  CageCache::Index index_;
+  std::optional<QueryAssembler> assembler_;
+  std::unique_ptr<Binding> binding_;
+  Clock::time_point reported_;
+  BindingSummary summary_;  // as of the end
+};
+
+}  // namespace barycast::server

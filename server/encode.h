@@ -1,0 +1,39 @@
+#pragma once
+
+// Core types -> protobuf. Rows are written in one pass, rounded to the output type on the way.
+// Pure functions, thread-safe, linear in their input.
+
+#include <string>
+
+#include "barycast/v1/barycast.pb.h"
+#include "bind/binding.h"
+#include "cage/digest.h"
+#include "request_limits.h"
+
+namespace barycast::server {
+
+// What the header of an answer states.
+struct ResponseFacts {
+  CageDigest digest;
+  bool cage_cache_hit = false;
+  ResolvedOptions options;
+  double smoothing_time = 0.0;
+  bool float64 = false;
+  uint32_t block_rows = 0;
+  uint32_t control_vertex_count = 0;
+};
+
+v1::ComputeCoordinatesResponse encode_header(const ResponseFacts& facts);
+v1::ComputeCoordinatesResponse encode_progress(const Progress& progress);
+v1::ComputeCoordinatesResponse encode_rows(const RowBlock& block, int dimension, bool float64);
+// `cage_s`: wall time from the lookup of the cage to its index.
+v1::ComputeCoordinatesResponse encode_summary(const BindingSummary& summary, double cage_s);
+
+v1::CageDigest encode_digest(const CageDigest& digest);
+v1::Warning encode_warning(const Warning& warning);
+v1::GetCapabilitiesResponse encode_capabilities(const Limits& limits, const std::string& build_version);
+
+// Bytes of one entry of a row: index, value, gradient.
+uint64_t entry_bytes(int dimension, bool gradients, bool float64);
+
+}  // namespace barycast::server

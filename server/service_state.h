@@ -1,0 +1,25 @@
+#pragma once
+
+// What all calls of one server share. Everything in it is thread-safe or const.
+
+#include <atomic>
+#include <string>
+
+#include "admission.h"
+#include "cage_cache.h"
+#include "compute_arena.h"
+#include "counters.h"
+#include "request_limits.h"
+
+namespace barycast::server {
+
+struct ServiceState {
+  const Limits limits;
+  ComputeArena arena;
+  CageCache cages;
+  Admission admission;
+  Counters counters;
+  std::atomic<bool> draining{false};  // new calls are refused
+};
+
+}  // namespace barycast::server

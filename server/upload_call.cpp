@@ -1,0 +1,109 @@
+#include "upload_call.h"
+
+#include <fmt/format.h>
+
+#include "cage_request.h"
+#include "call_log.h"
+#include "encode.h"
+
+namespace barycast::server {
+namespace {
+
+// What a serialized Cage may be larger than its canonical bytes: tags and lengths of a dozen fields.
+constexpr uint64_t kSerializedExtraBytes = 4096;
+
+class UploadCall final : public grpc::ServerReadReactor<v1::UploadCageRequest> {
+ public:
+  UploadCall(ServiceState& state, grpc::CallbackServerContext& context, v1::UploadCageResponse& response)
+      : state_(state), log_(state, "UploadCage", context), response_(response) {
+    if (std::optional<Refusal> refusal = admit()) {
+      conclude(*refusal);
+    } else {
+      StartRead(&request_);
+    }
+  }
+
+  void OnReadDone(bool ok) override {
+    if (!ok)
+      return state_.arena.post([this] { guarded([this] { build(); }, [this](const Refusal& r) { conclude(r); }); });
+    if (request_.has_expected_digest()) {
+      if (!first_) {
+        return conclude(
+            {invalid_argument("expected_digest", "in a later message; send it with the first piece"), {}, {}});
+      }
+      Result<CageDigest> expected = decode_digest(request_.expected_digest(), "expected_digest");
+      if (!expected) return conclude({expected.error(), {}, {}});
+      expected_ = *expected;
+    }
+    first_ = false;
+    if (bytes_.size() + request_.piece().size() > state_.limits.cage_bytes_max + kSerializedExtraBytes) {
+      return conclude(
+          {{ErrorCode::kResourceExhausted, "cage",
+            fmt::format("more than this server's limit of {} bytes; use a coarser cage", state_.limits.cage_bytes_max)},
+           {},
+           {}});
+    }
+    bytes_ += request_.piece();
+    StartRead(&request_);
+  }
+
+  void OnCancel() override { log_.mark_cancelled(); }
+  void OnDone() override { delete this; }
+
+ private:
+  std::optional<Refusal> admit() {
+    if (state_.draining) return draining_refusal();
+    // Twice the limit: the bytes, and the arrays decoded from them.
+    auto entered = state_.admission.enter(2 * state_.limits.cage_bytes_max);
+    if (Refusal* busy = std::get_if<Refusal>(&entered)) return std::move(*busy);
+    ticket_ = std::move(std::get<std::unique_ptr<Admission::Ticket>>(entered));
+    return std::nullopt;
+  }
+
+  // On the arena.
+  void build() {
+    if (log_.cancelled()) return conclude(cancelled_refusal());
+    Result<CageStorage> cage = decode_cage_bytes(bytes_, state_.limits);
+    bytes_ = {};
+    if (!cage) return conclude({cage.error(), {}, {}});
+    const CageDigest digest = barycast::digest(cage->input());
+    description_ = "cage=" + hexadecimal(digest);
+    if (Status same = check_digest(digest, expected_, "expected_digest"); !same)
+      return conclude({same.error(), {}, {}});
+    get_index(state_.cages, digest, std::move(*cage), [this](Result<CageCache::Index> index, CageCache::Found) {
+      if (!index) return conclude({index.error(), {}, {}});
+      *response_.mutable_digest() = encode_digest((*index)->digest());
+      for (const Warning& warning : (*index)->warnings()) *response_.add_warnings() = encode_warning(warning);
+      send(grpc::Status::OK);
+    });
+  }
+
+  void conclude(const Refusal& refusal) { send(to_status(refusal)); }
+
+  // The last thing done with `this`.
+  void send(const grpc::Status& status) {
+    ticket_.reset();
+    log_.set_outcome(status, description_);
+    Finish(status);
+  }
+
+  ServiceState& state_;
+  CallLog log_;
+  v1::UploadCageResponse& response_;
+  std::unique_ptr<Admission::Ticket> ticket_;
+  v1::UploadCageRequest request_;
+  bool first_ = true;
+  std::optional<CageDigest> expected_;
+  std::string bytes_;
+  std::string description_ = "cage=-";
+};
+
+}  // namespace
+
+grpc::ServerReadReactor<v1::UploadCageRequest>* new_upload_call(ServiceState& state,
+                                                                grpc::CallbackServerContext& context,
+                                                                v1::UploadCageResponse& response) {
+  return new UploadCall(state, context, response);
+}
+
+}  // namespace barycast::server

@@ -1,0 +1,167 @@
+// Distances against brute force in double, ties, and radii that never touch the cage.
+
+#include <gtest/gtest.h>
+
+#include "query/distance_index.h"
+#include "query/element_distance.h"
+#include "query/winding.h"
+#include "support/rows.h"
+
+namespace barycast {
+namespace {
+
+using testing::Shape;
+
+// Closest point on a patch by alternating exact line searches [SBC App. B] from many starts: slow,
+// and nothing in common with the Newton iteration under test.
+double brute_patch_distance(const BilinearPatch& patch, const Vec<3>& x) {
+  constexpr int kStarts = 12;
+  double best = std::numeric_limits<double>::infinity();
+  for (int i = 0; i <= kStarts; ++i)
+    for (int j = 0; j <= kStarts; ++j) {
+      double u = double(i) / kStarts, v = double(j) / kStarts;
+      for (int iteration = 0; iteration < 100; ++iteration) {
+        const auto along_u = closest_on_segment<3>(x, patch.at(0, v), patch.at(1, v));
+        const double moved = std::abs(along_u.shares[1] - u);
+        u = along_u.shares[1];
+        const auto along_v = closest_on_segment<3>(x, patch.at(u, 0), patch.at(u, 1));
+        best = std::min(best, along_v.distance_squared);
+        if (moved + std::abs(along_v.shares[1] - v) < 1e-13) break;
+        v = along_v.shares[1];
+      }
+    }
+  return std::sqrt(best);
+}
+
+template <int D>
+double brute_distance(const Cage<D>& cage, const Vec<D>& x, uint32_t* lowest = nullptr) {
+  double best = std::numeric_limits<double>::infinity();
+  for (uint32_t e = 0; e < cage.elements().size(); ++e) {
+    const Element& element = cage.elements()[e];
+    double distance = 0.0;
+    if constexpr (D == 3) {
+      distance = element.kind == ElementKind::kQuad
+                     ? brute_patch_distance(patch_of(cage, element), x)
+                     : std::sqrt(closest_on_triangle(x, cage.corner(element, 0), cage.corner(element, 1),
+                                                     cage.corner(element, 2))
+                                     .distance_squared);
+    } else {
+      distance = std::sqrt(closest_on_segment<2>(x, cage.corner(element, 0), cage.corner(element, 1)).distance_squared);
+    }
+    if (distance < best) {
+      best = distance;
+      if (lowest != nullptr) *lowest = e;
+    }
+  }
+  return best;
+}
+
+template <int D>
+void check_against_brute_force(const Shape& shape, size_t count, double reach) {
+  const auto cage = Cage<D>::create(shape.input());
+  ASSERT_TRUE(cage.ok()) << cage.error().text();
+  const auto index = make_embree_distance_index<D>(*cage);
+  ASSERT_TRUE(index.ok());
+  const auto coordinates = testing::random_points(count, D, -reach, reach, 7);
+  std::vector<Vec<D>> points;
+  for (size_t i = 0; i < count; ++i) points.push_back(Eigen::Map<const Vec<D>>(coordinates.data() + D * i));
+  std::vector<uint32_t> hints(count, kNoHint);
+  std::vector<double> radii(count), again(count);
+  (*index)->free_radii(points, hints, radii);
+  // Wrong hints, as a walk that jumped far would bring, change nothing.
+  std::rotate(hints.begin(), hints.begin() + 1, hints.end());
+  (*index)->free_radii(points, hints, again);
+  for (size_t i = 0; i < count; ++i) {
+    const CagePoint<D> closest = (*index)->closest(points[i]);
+    const double brute = brute_distance<D>(*cage, points[i]);
+    const double rounding = 1e-12 * (1 + reach);
+    ASSERT_NEAR(closest.distance, brute, rounding) << "point " << i;
+    ASSERT_NEAR((closest.point - points[i]).norm(), closest.distance, rounding);
+    Vec<D> by_shares = Vec<D>::Zero();
+    const Element& element = cage->elements()[closest.element];
+    for (int k = 0; k < element.corner_count(); ++k)
+      by_shares += closest.shares[static_cast<size_t>(k)] * cage->corner(element, k);
+    ASSERT_LT((by_shares - closest.point).norm(), 1e-14);
+    ASSERT_LE(radii[i], brute + rounding);
+    ASSERT_GE(radii[i], 0.5 * brute - rounding);
+    ASSERT_EQ(radii[i], again[i]) << "a hint changed an answer";
+  }
+}
+
+TEST(Distance, MatchesBruteForceOnTriangles) {
+  check_against_brute_force<3>(testing::sphere(12, 1.0), 2000, 1.0);
+}
+TEST(Distance, MatchesBruteForceOnPlanarQuads) {
+  check_against_brute_force<3>(testing::box(), 400, 1.0);
+}
+TEST(Distance, MatchesBruteForceOnBilinearQuads) {
+  check_against_brute_force<3>(testing::bent_prism(), 150, 0.7);
+}
+TEST(Distance, MatchesBruteForceOnMixedElements) {
+  check_against_brute_force<3>(testing::mixed_prism(), 200, 0.7);
+}
+TEST(Distance, MatchesBruteForceOnSoup) {
+  check_against_brute_force<3>(testing::soup(), 2000, 0.7);
+}
+TEST(Distance, MatchesBruteForceInThePlane) {
+  check_against_brute_force<2>(testing::star_polygon(), 2000, 0.7);
+}
+TEST(Distance, MatchesBruteForceFarOutside) {
+  check_against_brute_force<3>(testing::soup(), 200, 1e4);
+  check_against_brute_force<2>(testing::star_polygon(), 200, 1e4);
+}
+
+// A strongly twisted patch, and one folded over itself, next to slivers.
+TEST(Distance, MatchesBruteForceOnUglyElements) {
+  check_against_brute_force<3>({.vertices = {0, 0, 0, 1, 0, 1, 1, 1, 0, 0, 1, 1}, .quads = {0, 1, 2, 3}}, 400, 1.0);
+  check_against_brute_force<3>({.vertices = {0, 0, 0, 1, 0, 0.1, 0.2, 0.1, 0.9, 0, 1, 0.1}, .quads = {0, 1, 2, 3}}, 400,
+                               1.0);
+  check_against_brute_force<3>({.vertices = {0, 0, 0, 1, 0, 0, 0.5, 1e-6, 0, 0.5, 0, 1, 0.4, 0.1, 0.3},
+                                .triangles = {0, 1, 2, 0, 1, 3, 1, 3, 4}},
+                               1000, 1.0);
+}
+
+TEST(Distance, TiesGoToTheLowestElement) {
+  Shape twice = testing::box();
+  twice.quads.insert(twice.quads.end(), twice.quads.begin(), twice.quads.begin() + 24);
+  const auto cage = Cage<3>::create(twice.input());
+  ASSERT_TRUE(cage.ok());
+  const auto index = make_embree_distance_index<3>(*cage);
+  ASSERT_TRUE(index.ok());
+  EXPECT_EQ((*index)->closest(Vec<3>::Zero()).element, 0u);  // all twelve are equally near
+  const auto coordinates = testing::random_points(300, 3, -0.25, 0.25, 3);
+  for (size_t i = 0; i < 300; ++i)
+    EXPECT_LT((*index)->closest(Eigen::Map<const Vec<3>>(coordinates.data() + 3 * i)).element, 6u);
+}
+
+TEST(Distance, TriangleDistanceAgreesWithTheClosestPoint) {
+  const auto c = testing::random_points(4000, 3, -1, 1, 5);
+  for (size_t i = 0; i + 4 <= 4000; i += 4) {
+    const auto at = [&](size_t k) { return Vec<3>(Eigen::Map<const Vec<3>>(c.data() + 3 * (i + k))); };
+    const TriangleDistance triangle(at(0), at(1), at(2));
+    EXPECT_NEAR(std::sqrt(triangle.squared(at(3))),
+                std::sqrt(closest_on_triangle(at(3), at(0), at(1), at(2)).distance_squared), 1e-13);
+  }
+}
+
+TEST(Winding, TellsInsideFromOutside) {
+  const auto cage = Cage<3>::create(testing::sphere(24, 1.0).input());  // more facets than a leaf holds
+  ASSERT_TRUE(cage.ok());
+  const WindingNumber<3> winding(*cage);
+  const auto coordinates = testing::random_points(2000, 3, -0.7, 0.7, 11);
+  for (size_t i = 0; i < 2000; ++i) {
+    const Vec<3> x = Eigen::Map<const Vec<3>>(coordinates.data() + 3 * i);
+    const double radius = x.norm() * cage->frame().diagonal;
+    if (std::abs(radius - 1) > 0.02) {
+      EXPECT_NEAR(winding(x), radius < 1 ? 1.0 : 0.0, 0.03);
+    }
+  }
+  const auto polygon = Cage<2>::create(testing::star_polygon().input());
+  ASSERT_TRUE(polygon.ok());
+  const WindingNumber<2> turns(*polygon);
+  EXPECT_TRUE(turns.inside(polygon->frame().to_normalized(Vec<2>(0.1, 0.2))));
+  EXPECT_FALSE(turns.inside(polygon->frame().to_normalized(Vec<2>(0.75, 0.5))));
+}
+
+}  // namespace
+}  // namespace barycast

@@ -1,0 +1,177 @@
+// Denoising: the operator by itself, and what it must not break.
+
+#include <gtest/gtest.h>
+
+#include "smooth/heat.h"
+#include "smooth/laplacian.h"
+#include "support/rows.h"
+
+namespace barycast {
+namespace {
+
+QueryMesh to_mesh(const QueryInput& input) {
+  QueryMesh mesh;
+  for (size_t i = 0; i < input.points.size(); i += 3)
+    mesh.nodes.push_back(Eigen::Map<const Vec<3>>(input.points.data() + i));
+  mesh.face_offsets = input.face_offsets;
+  mesh.face_nodes = input.face_corners;
+  return mesh;
+}
+
+TEST(Laplacian, IsTheCotangentLaplacianOnTriangles) {
+  const Vec<3> a(0, 0, 0), b(2, 0.3, 0.1), c(0.5, 1.7, -0.4);
+  const QueryMesh mesh{{a, b, c}, {0, 3}, {0, 1, 2}};
+  const MeshLaplacian laplacian = polygon_laplacian(mesh);
+  const auto cotangent = [](const Vec<3>& at, const Vec<3>& p, const Vec<3>& q) {
+    return (p - at).dot(q - at) / (p - at).cross(q - at).norm();
+  };
+  EXPECT_NEAR(laplacian.stiffness.coeff(0, 1), -0.5 * cotangent(c, a, b), 1e-12);
+  EXPECT_NEAR(laplacian.stiffness.coeff(1, 2), -0.5 * cotangent(a, b, c), 1e-12);
+  EXPECT_NEAR(laplacian.stiffness.coeff(0, 2), -0.5 * cotangent(b, a, c), 1e-12);
+  EXPECT_NEAR(laplacian.area.sum(), 0.5 * (b - a).cross(c - a).norm(), 1e-12);
+}
+
+TEST(Laplacian, AnnihilatesLinearFunctionsInsideFlatMeshes) {
+  // Around the one inner node: a hexagon, a quad and two triangles, all in a plane. L x is zero there.
+  QueryMesh mesh;
+  for (const auto& p : {std::array{0.0, 0.0},
+                        {1.0, 0.2},
+                        {1.4, 1.1},
+                        {0.3, 1.5},
+                        {-0.8, 1.2},
+                        {-1.1, 0.1},
+                        {-0.9, -1.0},
+                        {0.2, -1.3},
+                        {1.2, -0.8}})
+    mesh.nodes.push_back(Vec<3>(p[0], p[1], 0.5 * p[0] - p[1]));
+  mesh.face_offsets = {0, 6, 10, 13, 16};
+  mesh.face_nodes = {0, 1, 2, 3, 4, 5, 0, 5, 6, 7, 0, 7, 8, 0, 8, 1};
+  const MeshLaplacian laplacian = polygon_laplacian(mesh);
+  for (int axis = 0; axis < 3; ++axis) {
+    double sum = 0.0;
+    for (int j = 0; j < 9; ++j) sum += laplacian.stiffness.coeff(0, j) * mesh.nodes[static_cast<size_t>(j)][axis];
+    EXPECT_NEAR(sum, 0.0, 1e-12);
+  }
+  for (int i = 0; i < 9; ++i) EXPECT_NEAR(laplacian.stiffness.row(i).sum(), 0.0, 1e-12);
+}
+
+TEST(Heat, KeepsConstantsAndNodesWithoutArea) {
+  const QueryInput sphere = testing::mesh_of(testing::sphere(20, 1.0));
+  QueryMesh mesh = to_mesh(sphere);
+  mesh.nodes.push_back(Vec<3>(9, 9, 9));  // isolated
+  const size_t count = mesh.nodes.size();
+  const auto kernel = HeatKernel::create(polygon_laplacian(mesh), 0.05);
+  ASSERT_TRUE(kernel.ok());
+  std::vector<double> block(count * HeatKernel::kColumns), workspace;
+  for (size_t i = 0; i < count; ++i)
+    for (size_t k = 0; k < HeatKernel::kColumns; ++k)
+      block[i * HeatKernel::kColumns + k] = k == 0 ? 1.0 : k == 1 ? mesh.nodes[i][2] : 0.0;
+  const std::atomic<bool> never = false;
+  ASSERT_TRUE(kernel->smooth(block, workspace, never));
+  for (size_t i = 0; i < count; ++i) EXPECT_NEAR(block[i * HeatKernel::kColumns], 1.0, 1e-12);
+  // The height on a sphere is an eigenfunction of the Laplacian with eigenvalue 2: it shrinks by 1 / (1 + 2 t).
+  EXPECT_NEAR(block[1], 1 / (1 + 2 * 0.05), 0.01);
+  EXPECT_EQ(block[(count - 1) * HeatKernel::kColumns + 1], 9.0);
+}
+
+TEST(Smoothing, HalvesTheNoise) {
+  const auto index = testing::make_index(testing::box());
+  const QueryInput mesh = testing::mesh_of(testing::sphere(24, 0.7));
+  const auto error = [&](Denoise denoise) {
+    Options options;
+    options.denoise = denoise;
+    const RowBlock rows = testing::bind_or_die(index, mesh, options);
+    double squared = 0.0;
+    for (size_t i = 0; i < rows.row_count(); ++i) {
+      const auto row = testing::dense_row(rows, i, 8);
+      const double* x = mesh.points.data() + 3 * i;
+      for (size_t v = 0; v < 8; ++v)
+        squared += std::pow(row[v] - (1 + ((v & 4) != 0 ? x[0] : -x[0])) * (1 + ((v & 2) != 0 ? x[1] : -x[1])) *
+                                         (1 + ((v & 1) != 0 ? x[2] : -x[2])) / 8,
+                            2);
+    }
+    return std::sqrt(squared / double(rows.row_count()));
+  };
+  EXPECT_LT(error(Denoise::kMesh), 0.5 * error(Denoise::kNone));
+}
+
+TEST(Smoothing, KeepsThePointsOnTheCage) {
+  const auto index = testing::make_index(testing::box());
+  // A sphere that touches the six walls at its poles and equator.
+  const QueryInput mesh = testing::mesh_of(testing::sphere(16, 1.0));
+  Options options;
+  const RowBlock rows = testing::bind_or_die(index, mesh, options);
+  size_t touching = 0;
+  for (size_t i = 0; i < rows.row_count(); ++i) {
+    const double* x = mesh.points.data() + 3 * i;
+    if (std::max({std::abs(x[0]), std::abs(x[1]), std::abs(x[2])}) < 1 - 1e-12) continue;
+    ++touching;
+    ASSERT_TRUE(rows.flags[i] & kRowOnCage);
+    const auto row = testing::dense_row(rows, i, 8);
+    for (size_t v = 0; v < 8; ++v)
+      EXPECT_NEAR(row[v],
+                  (1 + ((v & 4) != 0 ? x[0] : -x[0])) * (1 + ((v & 2) != 0 ? x[1] : -x[1])) *
+                      (1 + ((v & 1) != 0 ? x[2] : -x[2])) / 8,
+                  1e-12);
+  }
+  EXPECT_GE(touching, 6u);
+}
+
+// Two half spheres with their own copies of the seam's points, an isolated point, a face without area,
+// quads and triangles, two components.
+TEST(Smoothing, TreatsCoincidentPointsAsOne) {
+  const testing::Shape sphere = testing::sphere(12, 0.6);
+  QueryInput mesh = testing::mesh_of(sphere);
+  const size_t original = mesh.points.size() / 3;
+  const std::vector<double> copy = mesh.points;
+  mesh.points.insert(mesh.points.end(), copy.begin(), copy.end());
+  // Every second face uses the copies.
+  for (size_t f = 0; f + 1 < mesh.face_offsets.size(); f += 2)
+    for (uint32_t c = mesh.face_offsets[f]; c < mesh.face_offsets[f + 1]; ++c)
+      mesh.face_corners[c] += static_cast<uint32_t>(original);
+  mesh.points.insert(mesh.points.end(), {0.1, 0.2, 0.3});
+  mesh.face_corners.insert(mesh.face_corners.end(), {0, 0, 1});
+  mesh.face_offsets.push_back(static_cast<uint32_t>(mesh.face_corners.size()));
+  const auto index = testing::make_index(testing::box());
+  BindingSummary summary;
+  const RowBlock rows = testing::bind_or_die(index, mesh, {}, &summary);
+  const RowBlock whole = testing::bind_or_die(index, testing::mesh_of(sphere), {});
+  for (size_t i = 0; i < original; ++i) {
+    const auto a = testing::dense_row(rows, i, 8), b = testing::dense_row(rows, i + original, 8),
+               c = testing::dense_row(whole, i, 8);
+    EXPECT_EQ(a, b) << "a seam cracked";
+    for (size_t v = 0; v < 8; ++v) EXPECT_NEAR(a[v], c[v], 1e-12);
+  }
+  const auto raw = testing::bind_or_die(index, testing::loose_points({0.1, 0.2, 0.3}), {});
+  const auto isolated = testing::dense_row(rows, 2 * original, 8), alone = testing::dense_row(raw, 0, 8);
+  for (size_t v = 0; v < 8; ++v) EXPECT_NEAR(isolated[v], alone[v], 1e-12);
+  EXPECT_EQ(summary.warnings.size(), 3u);  // coincident points, a face without area, an isolated point
+}
+
+TEST(Smoothing, AcceptsAMeshWithoutArea) {
+  const auto index = testing::make_index(testing::box());
+  const QueryInput mesh{.points = {0, 0, 0, 0.1, 0, 0, 0.2, 0, 0}, .face_offsets = {0, 3}, .face_corners = {0, 1, 2}};
+  BindingSummary summary;
+  const RowBlock rows = testing::bind_or_die(index, mesh, {}, &summary);
+  const RowBlock loose = testing::bind_or_die(index, testing::loose_points(mesh.points), {});
+  for (size_t i = 0; i < 3; ++i) {
+    const auto a = testing::dense_row(rows, i, 8), b = testing::dense_row(loose, i, 8);
+    for (size_t v = 0; v < 8; ++v) EXPECT_NEAR(a[v], b[v], 1e-12);
+  }
+  EXPECT_EQ(summary.warnings.size(), 2u);
+}
+
+TEST(Smoothing, AcceptsTheTimeOfAnEarlierAnswer) {
+  const auto index = testing::make_index(testing::box());
+  const QueryInput mesh = testing::mesh_of(testing::sphere(10, 0.6));
+  BindingSummary first, second;
+  const RowBlock rows = testing::bind_or_die(index, mesh, {}, &first);
+  Options options;
+  options.smoothing_time = first.smoothing_time;
+  EXPECT_EQ(testing::bind_or_die(index, mesh, options, &second).values, rows.values);
+  EXPECT_EQ(second.smoothing_time, first.smoothing_time);
+  EXPECT_NEAR(first.smoothing_time, mean_squared_edge(to_mesh(mesh)) / 12 * (5 - std::log10(50)), 1e-12);
+}
+
+}  // namespace
+}  // namespace barycast

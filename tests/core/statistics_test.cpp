@@ -1,0 +1,187 @@
+// What can only be tested as statistics: the rate of convergence, equivariance, and where the estimate
+// converges to. Seeds are fixed, so a test that passes passes always.
+
+#include <gtest/gtest.h>
+
+#include "estimate/point_estimator.h"
+#include "estimate/row.h"
+#include "support/rows.h"
+
+namespace barycast {
+namespace {
+
+using testing::Shape;
+
+// A distance index whose walks end with basis values that are off by `part`, in the one way that moves
+// no point of a parallelogram: linear precision cannot see it, nor mend it.
+class WrongIndex final : public DistanceIndex<3> {
+ public:
+  WrongIndex(const DistanceIndex<3>& right, double part) : right_(right), part_(part) {}
+  CagePoint<3> closest(const Vec<3>& x) const override {
+    CagePoint<3> result = right_.closest(x);
+    for (size_t k = 0; k < 4; ++k) result.shares[k] += k % 2 == 0 ? part_ : -part_;
+    return result;
+  }
+  void free_radii(std::span<const Vec<3>> points, std::span<uint32_t> hints, std::span<double> radii) const override {
+    right_.free_radii(points, hints, radii);
+  }
+  size_t bytes() const override { return right_.bytes(); }
+
+ private:
+  const DistanceIndex<3>& right_;
+  double part_;
+};
+
+// Slope of log RMS error against log m, in a box, where the answer is trilinear.
+double error_slope(double wrong_part) {
+  const auto index = testing::make_index(testing::box());
+  const auto& structures = *std::get<std::unique_ptr<const CageStructures<3>>>(index->structures());
+  const WrongIndex distance(*structures.distance, wrong_part);
+  const RowFinisher<3> finisher(structures.cage, {.prune_below = 0.0, .gradients = false});
+  const auto points = testing::random_points(40, 3, -0.8, 0.8, 17);
+  const std::atomic<bool> never = false;
+  PointEstimator<3>::Workspace workspace(structures.cage);
+  std::vector<double> log_m, log_error;
+  for (const uint32_t samples : {32u, 128u, 512u, 2048u, 8192u}) {
+    // A thin cage, so that its bias stays below the noise at the most samples.
+    const HarmonicWalks<3> walks(distance, {.walks = samples, .thickness = 1e-4});
+    const PointEstimator<3> estimator(structures.cage, distance, *structures.winding, walks,
+                                      {.thickness = 1e-4, .seed = samples, .pseudo_samples = PseudoSamples::kAlways});
+    double squared = 0.0;
+    for (size_t i = 0; i < 40; ++i) {
+      const Vec<3> x = Eigen::Map<const Vec<3>>(points.data() + 3 * i);
+      const Vec<3> normalized = structures.cage.frame().to_normalized(x);
+      PointEstimate<3> estimate;
+      std::vector<RowEntry<3>> row;
+      EXPECT_TRUE(estimator.estimate(normalized, never, workspace, estimate));
+      finisher.evaluate(estimate.projected, normalized, row);
+      finisher.finish(normalized, row);
+      for (const auto& entry : row) {
+        const double sx = (entry.vertex & 4) != 0 ? 1 : -1, sy = (entry.vertex & 2) != 0 ? 1 : -1,
+                     sz = (entry.vertex & 1) != 0 ? 1 : -1;
+        squared += std::pow(entry.value - (1 + sx * x[0]) * (1 + sy * x[1]) * (1 + sz * x[2]) / 8, 2);
+      }
+    }
+    log_m.push_back(std::log(samples));
+    log_error.push_back(0.5 * std::log(squared / 40));
+  }
+  double sxy = 0.0, sxx = 0.0, mx = 0.0, my = 0.0;
+  for (size_t i = 0; i < log_m.size(); ++i) {
+    mx += log_m[i] / double(log_m.size());
+    my += log_error[i] / double(log_m.size());
+  }
+  for (size_t i = 0; i < log_m.size(); ++i) {
+    sxy += (log_m[i] - mx) * (log_error[i] - my);
+    sxx += (log_m[i] - mx) * (log_m[i] - mx);
+  }
+  return sxy / sxx;
+}
+
+TEST(Rate, ErrorFallsWithTheSquareRootOfTheSamples) {
+  EXPECT_NEAR(error_slope(0.0), -0.5, 0.05);
+}
+
+TEST(Rate, TwoPercentOfErrorInTheWalksFailsTheTest) {
+  EXPECT_GT(error_slope(0.02), -0.45);
+}
+
+// Means over seeds of every coordinate of every point, and their variances.
+struct Means {
+  std::vector<double> mean, variance;
+};
+
+Means means_over_seeds(const Shape& shape, const std::vector<double>& points, uint64_t first_seed) {
+  const auto index = testing::make_index(shape);
+  constexpr int kSeeds = 60;
+  const size_t columns = index->control_vertex_count(), rows = points.size() / 3;
+  Means result{std::vector<double>(rows * columns, 0.0), std::vector<double>(rows * columns, 0.0)};
+  std::vector<double> squares(rows * columns, 0.0);
+  for (int s = 0; s < kSeeds; ++s) {
+    Options options;
+    options.seed = first_seed + static_cast<uint64_t>(s);
+    options.prune_below = 0.0;
+    const RowBlock block = testing::bind_or_die(index, testing::loose_points(points), options);
+    for (size_t i = 0; i < rows; ++i) {
+      const auto row = testing::dense_row(block, i, columns);
+      for (size_t v = 0; v < columns; ++v) {
+        result.mean[i * columns + v] += row[v] / kSeeds;
+        squares[i * columns + v] += row[v] * row[v] / kSeeds;
+      }
+    }
+  }
+  for (size_t k = 0; k < squares.size(); ++k)
+    result.variance[k] = (squares[k] - result.mean[k] * result.mean[k]) / (kSeeds - 1);
+  return result;
+}
+
+// Largest two-sample z over all coordinates, after mapping columns.
+double largest_z(const Means& a, const Means& b, const std::vector<uint32_t>& column_of_b) {
+  double worst = 0.0;
+  const size_t columns = column_of_b.size();
+  for (size_t k = 0; k < a.mean.size(); ++k) {
+    const size_t other = k / columns * columns + column_of_b[k % columns];
+    const double error = std::sqrt(a.variance[k] + b.variance[other] + 1e-20);
+    worst = std::max(worst, std::abs(a.mean[k] - b.mean[other]) / error);
+  }
+  return worst;
+}
+
+// 20 points x 16 vertices: a family of 320 z values stays below this with a probability of 99 % (Student
+// with 59 degrees of freedom twice).
+constexpr double kFamilyZ = 4.5;
+
+TEST(Equivariance, UnderRotationAndTranslation) {
+  const Shape shape = testing::bent_prism();
+  const Eigen::Matrix3d rotation = Eigen::AngleAxisd(0.7, Eigen::Vector3d(1, 2, 3).normalized()).toRotationMatrix();
+  const auto move = [&](const Eigen::VectorXd& x) { return Eigen::VectorXd(rotation * x + Eigen::Vector3d(3, -2, 1)); };
+  // Half of them outside.
+  const auto points = testing::random_points(20, 3, -0.5, 2.5, 23);
+  std::vector<double> moved;
+  for (size_t i = 0; i < 20; ++i) {
+    const Eigen::VectorXd y = move(Eigen::Map<const Eigen::Vector3d>(points.data() + 3 * i));
+    moved.insert(moved.end(), y.data(), y.data() + 3);
+  }
+  std::vector<uint32_t> same(16);
+  for (uint32_t v = 0; v < 16; ++v) same[v] = v;
+  const Means here = means_over_seeds(shape, points, 1);
+  EXPECT_LT(largest_z(here, means_over_seeds(shape.mapped(move), moved, 1000), same), kFamilyZ);
+  // The statistic sees a wrong answer: the same coordinates a tenth of a unit away.
+  std::vector<double> shifted = points;
+  for (double& value : shifted) value += 0.1;
+  EXPECT_GT(largest_z(here, means_over_seeds(shape, shifted, 2000), same), 2 * kFamilyZ);
+}
+
+TEST(Equivariance, UnderRelabelling) {
+  const Shape shape = testing::bent_prism();
+  Shape relabelled = shape;
+  std::vector<uint32_t> to(16);
+  for (uint32_t v = 0; v < 16; ++v) to[v] = (5 * v + 3) % 16;
+  for (uint32_t v = 0; v < 16; ++v)
+    for (size_t k = 0; k < 3; ++k) relabelled.vertices[3 * to[v] + k] = shape.vertices[3 * v + k];
+  for (uint32_t& corner : relabelled.quads) corner = to[corner];
+  // Elements in reverse as well.
+  std::reverse(relabelled.quads.begin(), relabelled.quads.end());
+  const auto points = testing::random_points(20, 3, -0.5, 2.5, 29);
+  EXPECT_LT(largest_z(means_over_seeds(shape, points, 1), means_over_seeds(relabelled, points, 1000), to), kFamilyZ);
+}
+
+// Outside, walks that come back by the exact law and walks that just go on have the same limit.
+TEST(Outside, ReentryAgreesWithWalksThatGoOn) {
+  const auto index = testing::make_index(testing::open_box());
+  const std::vector<double> points = {0, 0, 1.6, 1.5, 0.3, 0.2, 2.5, 2.5, 0};
+  Options options;
+  options.samples = 40000;
+  options.prune_below = 0.0;
+  options.thickness = 1e-3;
+  const RowBlock reentry = testing::bind_or_die(index, testing::loose_points(points), options);
+  options.preset = Preset::kPaper;
+  options.walk_steps_max = 2000;
+  const RowBlock plain = testing::bind_or_die(index, testing::loose_points(points), options);
+  for (size_t i = 0; i < 3; ++i) {
+    const auto a = testing::dense_row(reentry, i, 8), b = testing::dense_row(plain, i, 8);
+    for (size_t v = 0; v < 8; ++v) EXPECT_NEAR(a[v], b[v], 0.02) << "point " << i << " vertex " << v;
+  }
+}
+
+}  // namespace
+}  // namespace barycast

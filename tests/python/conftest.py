@@ -1,0 +1,82 @@
+"""Where things are. BARYCAST_PYTHON_PROTO: the folder with the generated modules (<build>/python).
+BARYCAST_BIN_DIR: the build's bin folder; tests of the daemon are skipped without it. BARYCAST_DATA: third-party
+meshes; tests that read them are skipped without."""
+
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGE = ROOT / "client_examples" / "python"
+PROTO = Path(os.environ.get("BARYCAST_PYTHON_PROTO", ROOT / "build" / "python")).resolve()
+SUPPORT = Path(__file__).resolve().parent / "support"
+
+if not (PROTO / "barycast" / "v1" / "cage_pb2.py").exists():
+    raise pytest.UsageError(f"no generated modules in {PROTO}: build the target barycast_python_proto and let the "
+                            "environment variable BARYCAST_PYTHON_PROTO name <build>/python")
+sys.path[:0] = [str(PACKAGE), str(PROTO), str(SUPPORT)]
+
+import fake_server  # noqa: E402  (found on the path above)
+
+
+@pytest.fixture
+def data_folder() -> Path:
+    folder = Path(os.environ.get("BARYCAST_DATA", ROOT.parent / "shared" / "data"))
+    if not folder.is_dir():
+        pytest.skip(f"no third-party meshes in {folder} (environment variable BARYCAST_DATA)")
+    return folder
+
+
+@pytest.fixture
+def behaviour() -> fake_server.Behaviour:
+    return fake_server.Behaviour()
+
+
+@pytest.fixture
+def fake(behaviour):
+    """A fake server in this process; `fake.address` is where."""
+    server = fake_server.start("127.0.0.1:0", behaviour)
+    server.address = f"127.0.0.1:{server.port}"
+    yield server
+    server.stop(None)
+
+
+@pytest.fixture
+def environment() -> dict:
+    """For programs that run in their own process."""
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (PACKAGE, PROTO, SUPPORT)))}
+
+
+@pytest.fixture
+def fake_daemon(tmp_path, environment, monkeypatch) -> Path:
+    """A program that takes the daemon's flags, named in BARYCASTD."""
+    program = tmp_path / "fake_barycastd"
+    program.write_text(f'#!/bin/sh\nPYTHONPATH="{environment["PYTHONPATH"]}" exec {sys.executable} '
+                       f'{SUPPORT / "fake_server.py"} "$@"\n')
+    program.chmod(0o755)
+    monkeypatch.setenv("BARYCASTD", str(program))
+    environment["BARYCASTD"] = str(program)
+    return program
+
+
+def real_daemon_path() -> Path:
+    return Path(os.environ.get("BARYCAST_BIN_DIR", ROOT / "build" / "bin")).resolve() / "barycastd"
+
+
+@pytest.fixture
+def real_daemon(environment, monkeypatch) -> Path:
+    """The daemon of the build, named in BARYCASTD."""
+    program = real_daemon_path()
+    if not program.exists():
+        pytest.skip(f"no daemon {program} (environment variable BARYCAST_BIN_DIR)")
+    monkeypatch.setenv("BARYCASTD", str(program))
+    environment["BARYCASTD"] = str(program)
+    return program
+
+
+@pytest.fixture(params=["fake", "real"])
+def daemon(request) -> Path:
+    """Both daemons in turn."""
+    return request.getfixturevalue(f"{request.param}_daemon")

@@ -1,0 +1,57 @@
+"""Runs the command line as its users do: in its own process."""
+
+import fcntl
+import os
+import pty
+import select
+import struct
+import subprocess
+import sys
+import termios
+import time
+from pathlib import Path
+from typing import Tuple
+
+from shapes import BOX_QUADS, box_vertices, obj_text, points_inside
+
+COMMAND = [sys.executable, "-m", "barycast"]
+
+
+def run(environment: dict, *arguments: object) -> subprocess.CompletedProcess:
+    return subprocess.run([*COMMAND, *map(str, arguments)], env=environment, capture_output=True, text=True,
+                          timeout=120)
+
+
+def run_on_terminal(environment: dict, *arguments: object) -> Tuple[int, str]:
+    """Exit code and everything shown, with standard error on a terminal."""
+    leader, follower = pty.openpty()
+    fcntl.ioctl(follower, termios.TIOCSWINSZ, struct.pack("4H", 24, 80, 0, 0))
+    process = subprocess.Popen([*COMMAND, *map(str, arguments)], env=environment, stdout=follower, stderr=follower)
+    os.close(follower)
+    shown = b""
+    deadline = time.monotonic() + 120
+    while time.monotonic() < deadline:
+        if select.select([leader], [], [], 0.1)[0]:
+            try:
+                shown += os.read(leader, 65536)
+            except OSError:  # the other side is closed
+                break
+        elif process.poll() is not None:
+            break
+    os.close(leader)
+    return process.wait(10), shown.decode()
+
+
+def write_box(folder: Path, count: int = 50) -> Tuple[Path, Path]:
+    """A cage file (the unit box) and a model file (loose points inside)."""
+    cage, model = folder / "cage.obj", folder / "model.obj"
+    cage.write_text(obj_text(box_vertices(), BOX_QUADS))
+    model.write_text(obj_text(points_inside(count), []))
+    return cage, model
+
+
+def write_pose(folder: Path) -> Path:
+    """The box, twice as long in x, without faces."""
+    pose = folder / "pose.obj"
+    pose.write_text(obj_text(box_vertices() * [2, 1, 1], []))
+    return pose

@@ -1,0 +1,166 @@
+// Headers of ComputeCoordinates: every refusal names its field and has the right code.
+
+#include "decode.h"
+
+#include <gtest/gtest.h>
+
+#include <limits>
+
+#include "messages.h"
+
+namespace barycast::server {
+namespace {
+
+using namespace testing;
+
+const Limits kLimits{.points_max = 1000, .faces_max = 500, .samples_max = 100, .block_rows_max = 64};
+
+v1::ComputeHeader sound() {
+  return header(10).header();
+}
+
+void expect_refused(const v1::ComputeHeader& header, ErrorCode code, const std::string& field) {
+  const Result<ComputePlan> plan = decode_header(header, kLimits);
+  ASSERT_FALSE(plan.ok()) << field;
+  EXPECT_EQ(plan.error().code, code) << plan.error().text();
+  EXPECT_EQ(plan.error().field, field) << plan.error().text();
+  EXPECT_FALSE(plan.error().message.empty());
+}
+
+constexpr ErrorCode kInvalid = ErrorCode::kInvalidArgument;
+
+TEST(DecodeHeader, AcceptsASoundOne) {
+  v1::ComputeHeader h = sound();
+  h.mutable_options()->set_samples(100);
+  h.mutable_output()->set_gradients(true);
+  const Result<ComputePlan> plan = decode_header(h, kLimits);
+  ASSERT_TRUE(plan.ok()) << plan.error().text();
+  EXPECT_TRUE(plan->cage.has_value());
+  EXPECT_FALSE(plan->digest.has_value());
+  EXPECT_EQ(plan->counts.points, 10u);
+  EXPECT_EQ(plan->options.samples, 100u);
+  EXPECT_TRUE(plan->options.gradients);
+  EXPECT_TRUE(plan->float64);
+}
+
+TEST(DecodeHeader, DefaultsToFloat32) {
+  v1::ComputeHeader h = sound();
+  h.clear_output();
+  EXPECT_FALSE(decode_header(h, kLimits)->float64);
+}
+
+TEST(DecodeHeader, RefusesCounts) {
+  v1::ComputeHeader h = sound();
+  h.mutable_queries()->set_point_count(0);
+  expect_refused(h, kInvalid, "header.queries.point_count");
+  h.clear_queries();
+  expect_refused(h, kInvalid, "header.queries.point_count");
+  h.mutable_queries()->set_point_count(1001);
+  expect_refused(h, kInvalid, "header.queries.point_count");
+  h.mutable_queries()->set_point_count(std::numeric_limits<uint64_t>::max());
+  expect_refused(h, kInvalid, "header.queries.point_count");
+  h.mutable_queries()->set_point_count(10);
+  h.mutable_queries()->set_face_count(501);
+  expect_refused(h, kInvalid, "header.queries.face_count");
+  h.mutable_queries()->set_face_count(2);
+  h.mutable_queries()->set_corner_count(5);
+  expect_refused(h, kInvalid, "header.queries.corner_count");
+  h.mutable_queries()->set_corner_count(uint64_t{1} << 33);
+  expect_refused(h, kInvalid, "header.queries.corner_count");
+  h.mutable_queries()->set_face_count(0);
+  h.mutable_queries()->set_corner_count(3);
+  expect_refused(h, kInvalid, "header.queries.corner_count");
+}
+
+TEST(DecodeHeader, RefusesOptions) {
+  v1::ComputeHeader h = sound();
+  h.mutable_options()->set_samples(0);
+  expect_refused(h, kInvalid, "header.options.samples");
+  h.mutable_options()->set_samples(101);
+  expect_refused(h, kInvalid, "header.options.samples");
+  h.mutable_options()->clear_samples();
+  h.mutable_options()->set_coordinates(static_cast<v1::CoordinateKind>(77));
+  expect_refused(h, kInvalid, "header.options.coordinates");
+  h.mutable_options()->clear_coordinates();
+  h.mutable_options()->set_preset(static_cast<v1::Preset>(77));
+  expect_refused(h, kInvalid, "header.options.preset");
+  h.mutable_options()->clear_preset();
+  h.mutable_options()->set_denoise(static_cast<v1::Denoise>(-1));
+  expect_refused(h, kInvalid, "header.options.denoise");
+  h.mutable_options()->set_denoise(v1::DENOISE_MESH);
+  expect_refused(h, kInvalid, "header.options.denoise");
+  h.mutable_options()->clear_denoise();
+  for (const double bad : {0.0, -1e-3, 1.0, std::numeric_limits<double>::quiet_NaN()}) {
+    h.mutable_options()->set_thickness(bad);
+    expect_refused(h, kInvalid, "header.options.thickness");
+  }
+  h.mutable_options()->clear_thickness();
+  h.mutable_options()->set_walk_steps_max(0);
+  expect_refused(h, kInvalid, "header.options.walk_steps_max");
+  h.mutable_options()->clear_walk_steps_max();
+  h.mutable_options()->set_prune_below(0.5);
+  expect_refused(h, kInvalid, "header.options.prune_below");
+}
+
+TEST(DecodeHeader, RefusesWhatIsNotBuilt) {
+  v1::ComputeHeader h = sound();
+  h.mutable_options()->set_coordinates(v1::COORDINATE_KIND_MEAN_VALUE);
+  expect_refused(h, ErrorCode::kUnimplemented, "header.options.coordinates");
+  h.mutable_options()->set_coordinates(v1::COORDINATE_KIND_POSITIVE_MEAN_VALUE);
+  expect_refused(h, ErrorCode::kUnimplemented, "header.options.coordinates");
+  h.mutable_options()->clear_coordinates();
+  h.mutable_output()->set_influences_max(4);
+  expect_refused(h, ErrorCode::kUnimplemented, "header.output.influences_max");
+}
+
+TEST(DecodeHeader, RefusesOutput) {
+  v1::ComputeHeader h = sound();
+  h.mutable_output()->set_type(v1::DATA_TYPE_UINT32);
+  expect_refused(h, kInvalid, "header.output.type");
+  h.mutable_output()->set_type(static_cast<v1::DataType>(9));
+  expect_refused(h, kInvalid, "header.output.type");
+  h.mutable_output()->clear_type();
+  h.mutable_output()->set_block_rows(65);
+  expect_refused(h, kInvalid, "header.output.block_rows");
+}
+
+TEST(DecodeHeader, RefusesDigestsAndResume) {
+  v1::ComputeHeader h = sound();
+  h.clear_cage();
+  expect_refused(h, kInvalid, "header");
+  h.mutable_cage_digest()->set_sha256(std::string(31, 'x'));
+  h.mutable_cage_digest()->set_size_bytes(100);
+  expect_refused(h, kInvalid, "header.cage_digest.sha256");
+  h.mutable_cage_digest()->set_sha256(std::string(32, 'x'));
+  EXPECT_TRUE(decode_header(h, kLimits).ok());
+  h.mutable_cage_digest()->set_size_bytes(0);
+  expect_refused(h, kInvalid, "header.cage_digest.size_bytes");
+  h.mutable_cage_digest()->set_size_bytes(100);
+  *h.mutable_expected_digest() = h.cage_digest();
+  h.mutable_expected_digest()->set_size_bytes(101);
+  expect_refused(h, kInvalid, "header.expected_digest");
+
+  h = sound();
+  h.mutable_resume()->set_first_row(10);
+  h.mutable_resume()->set_numerics_version(kNumericsVersion);
+  expect_refused(h, kInvalid, "header.resume.first_row");
+  h.mutable_resume()->set_first_row(9);
+  EXPECT_EQ(decode_header(h, kLimits)->first_row, 9u);
+  h.mutable_resume()->set_numerics_version(kNumericsVersion + 1);
+  expect_refused(h, ErrorCode::kFailedPrecondition, "header.resume.numerics_version");
+}
+
+TEST(DecodeDigests, RefusesTooManyAndTruncated) {
+  v1::FindMissingCagesRequest request;
+  for (int i = 0; i < 3; ++i) {
+    request.add_digests()->set_sha256(std::string(32, static_cast<char>(i)));
+    request.mutable_digests(i)->set_size_bytes(100);
+  }
+  EXPECT_EQ(decode_digests(request, Limits{.digests_max = 3})->size(), 3u);
+  EXPECT_EQ(decode_digests(request, Limits{.digests_max = 2}).error().field, "digests");
+  request.mutable_digests(2)->set_sha256("short");
+  EXPECT_EQ(decode_digests(request, kLimits).error().field, "digests[2].sha256");
+}
+
+}  // namespace
+}  // namespace barycast::server
