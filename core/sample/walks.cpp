@@ -84,8 +84,8 @@ void HarmonicWalks<D>::step(Batch& batch, const QueryRandom& random, SampleCount
 template <int D>
 void HarmonicWalks<D>::settle(Batch& batch, SampleCounts& counts) const {
   for (uint32_t i = 0; i < batch.active;) {
-    // A free radius is at least half of the distance; nearer than two thicknesses the distance decides.
-    if (batch.radius[i] < 2 * settings_.thickness) {
+    // A free radius never exceeds the distance: only below the thickness may the walk have arrived.
+    if (batch.radius[i] < settings_.thickness) {
       const CagePoint<D> closest = distance_.closest(batch.position[i]);
       if (closest.distance < settings_.thickness) {
         batch.end(i, closest, SampleEnd::kArrived);

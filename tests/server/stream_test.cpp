@@ -146,15 +146,10 @@ TEST_F(Streams, RefusesWhatIsTooMuchAtOnce) {
   DaemonSettings settings;
   settings.admission.requests_max = 1;
   start(settings);
-  const auto holder = client_->open();
-  holder->write(header(10));
-  ASSERT_TRUE(eventually([&] {
-    const Answer answer = client_->compute({header(1), points({0.1, 0.2, 0.3})});
-    if (answer.code == kOk) return false;  // the holder's header has not been seen yet
-    EXPECT_EQ(answer.code, kResourceExhausted);
-    EXPECT_TRUE(answer.has_retry());
-    return true;
-  }));
+  const auto holder = start_long_call(kSamplesMany);
+  const Answer answer = client_->compute({header(1), points({0.1, 0.2, 0.3})});
+  EXPECT_EQ(answer.code, kResourceExhausted);
+  EXPECT_TRUE(answer.has_retry());
   holder->cancel();
   holder->finish();
   expect_idle();
