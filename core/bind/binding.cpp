@@ -34,6 +34,8 @@ class StageTimer {
 // calls before. It cuts work into pieces and changes no result.
 class Quantum {
  public:
+  // The first guess: a point costs microseconds per sample.
+  explicit Quantum(uint32_t samples) : size_(std::clamp<size_t>(1000 / samples, 1, 16)) {}
   size_t size() const { return size_; }
   void learn(size_t done, double seconds) {
     if (done < size_) return;
@@ -43,7 +45,7 @@ class Quantum {
 
  private:
   static constexpr double kQuantumSeconds = 0.02;
-  size_t size_ = 16;
+  size_t size_;
 };
 
 template <int D>
@@ -71,6 +73,7 @@ class BindingOf final : public Binding {
                     .pseudo_samples = settings.options.preset == Preset::kPaper ? PseudoSamples::kWhenSingular
                                                                                 : PseudoSamples::kAlways}),
         finisher_(cage_, {.prune_below = settings.options.prune_below, .gradients = settings.options.gradients}),
+        quantum_(settings.options.samples),
         workspaces_([this] { return typename PointEstimator<D>::Workspace(cage_); }) {
     summary_.warnings.assign(cage_.warnings().begin(), cage_.warnings().end());
     summary_.warnings.insert(summary_.warnings.end(), queries_.warnings.begin(), queries_.warnings.end());
@@ -245,8 +248,8 @@ class BindingOf final : public Binding {
   BindingSettings settings_;
   PointEstimator<D> estimator_;
   RowFinisher<D> finisher_;
-  PerThread<typename PointEstimator<D>::Workspace> workspaces_;
   Quantum quantum_;
+  PerThread<typename PointEstimator<D>::Workspace> workspaces_;
   double ignored_ = 0.0;
 
   std::vector<PointEstimate<D>> estimates_;  // of the nodes; with denoising only

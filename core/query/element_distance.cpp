@@ -14,8 +14,22 @@ ElementPoint<D> at_shares(const Vec<D>& x, const std::array<const Vec<D>*, 3>& c
   return {(point - x).squaredNorm(), point, shares};
 }
 
+// Twice the area over the longest edge squared, below which a triangle is a sliver.
+constexpr double kSliver = 1e-9;
+
 double clamp01(double t) {
   return std::clamp(t, 0.0, 1.0);
+}
+
+// The regions that closest_on_triangle decides by are told apart by differences of products that a sliver loses to
+// rounding: it acts as its edges, which miss the closest point by its height at most.
+ElementPoint<3> closest_on_sliver(const Vec<3>& x, const Vec<3>& a, const Vec<3>& b, const Vec<3>& c) {
+  auto best = closest_on_segment<3>(x, a, b);
+  if (const auto ac = closest_on_segment<3>(x, a, c); ac.distance_squared < best.distance_squared)
+    best = {ac.distance_squared, ac.point, {ac.shares[0], 0, ac.shares[1], 0}};
+  if (const auto bc = closest_on_segment<3>(x, b, c); bc.distance_squared < best.distance_squared)
+    best = {bc.distance_squared, bc.point, {0, bc.shares[0], bc.shares[1], 0}};
+  return best;
 }
 
 }  // namespace
@@ -23,7 +37,8 @@ double clamp01(double t) {
 template <int D>
 ElementPoint<D> closest_on_segment(const Vec<D>& x, const Vec<D>& a, const Vec<D>& b) {
   const Vec<D> ab = b - a;
-  const double t = clamp01(ab.dot(x - a) / ab.squaredNorm());
+  const double squared = ab.squaredNorm();
+  const double t = squared > 0 ? clamp01(ab.dot(x - a) / squared) : 0.0;
   return at_shares<D>(x, {&a, &b, nullptr}, {1 - t, t, 0, 0});
 }
 template ElementPoint<2> closest_on_segment<2>(const Vec<2>&, const Vec<2>&, const Vec<2>&);
@@ -33,6 +48,8 @@ template ElementPoint<3> closest_on_segment<3>(const Vec<3>&, const Vec<3>&, con
 ElementPoint<3> closest_on_triangle(const Vec<3>& x, const Vec<3>& a, const Vec<3>& b, const Vec<3>& c) {
   const std::array<const Vec<3>*, 3> corner{&a, &b, &c};
   const Vec<3> ab = b - a, ac = c - a, ax = x - a;
+  const double longest = std::max({ab.squaredNorm(), ac.squaredNorm(), (c - b).squaredNorm()});
+  if (ab.cross(ac).squaredNorm() < kSliver * kSliver * longest * longest) return closest_on_sliver(x, a, b, c);
   const double d1 = ab.dot(ax), d2 = ac.dot(ax);
   if (d1 <= 0 && d2 <= 0) return at_shares<3>(x, corner, {1, 0, 0, 0});
   const Vec<3> bx = x - b;
@@ -61,28 +78,54 @@ ElementPoint<3> closest_on_triangle(const Vec<3>& x, const Vec<3>& a, const Vec<
   return at_shares<3>(x, corner, {1 - v - w, v, w, 0});
 }
 
-TriangleDistance::TriangleDistance(const Vec<3>& a, const Vec<3>& b, const Vec<3>& c) {
-  // The longest edge first: it has a direction even where the triangle has no area.
-  const double ab = (b - a).squaredNorm(), bc = (c - b).squaredNorm(), ca = (a - c).squaredNorm();
-  const bool bc_longest = bc > ab && bc >= ca, ca_longest = !bc_longest && ca > ab;
-  const Vec<3>& p = bc_longest ? b : ca_longest ? c : a;
-  const Vec<3>& q = bc_longest ? c : ca_longest ? a : b;
-  const Vec<3>& r = bc_longest ? a : ca_longest ? b : c;
-  length_ = (q - p).norm();
-  const Vec<3> along = length_ > 0 ? Vec<3>((q - p) / length_) : Vec<3>(Vec<3>::UnitX());
-  Vec<3> across = (r - p) - (r - p).dot(along) * along;
-  // Without area any direction across will do: the third corner lies on the edge.
-  across = across.norm() > 1e-14 * length_ ? Vec<3>(across.normalized()) : Vec<3>(along.unitOrthogonal());
-  axes_.row(0) = along.transpose();
-  axes_.row(1) = across.transpose();
-  axes_.row(2) = along.cross(across).transpose();
-  offset_ = -(axes_ * p);
-  const Vec<2> corner((r - p).dot(along), (r - p).dot(across));
-  const Vec<2> from_q = corner - Vec<2>(length_, 0);
-  ac_length_ = corner.norm();
-  bc_length_ = from_q.norm();
-  if (ac_length_ > 0) ac_ = corner / ac_length_;
-  if (bc_length_ > 0) bc_ = from_q / bc_length_;
+TrianglePairDistance::TrianglePairDistance(const std::array<Vec<3>, 3>& first, const std::array<Vec<3>, 3>& second) {
+  origin_ = (first[0] + first[1] + first[2] + second[0] + second[1] + second[2]) / 6;
+  for (size_t lane = 0; lane < 8; ++lane) {
+    const auto& triangle = lane < 4 ? first : second;
+    const size_t k = lane % 4 % 3;
+    Vec<3> longest = Vec<3>::UnitX();
+    double edge = 0.0;
+    for (size_t e = 0; e < 3; ++e)
+      if (const Vec<3> side = triangle[(e + 1) % 3] - triangle[e]; side.norm() > edge) {
+        longest = side;
+        edge = side.norm();
+      }
+    const Vec<3>&a = triangle[k], &b = triangle[(k + 1) % 3], &c = triangle[(k + 2) % 3];
+    const double length = (b - a).norm();
+    const Vec<3> along = length > 0 ? Vec<3>((b - a) / length) : Vec<3>(Vec<3>::UnitX());
+    const Vec<3> area = (triangle[1] - triangle[0]).cross(triangle[2] - triangle[0]);
+    // A sliver that floats cannot tell from a segment is its edges alone.
+    const bool has_inside = area.norm() > 1e-6 * edge * edge;
+    has_inside_[lane / 4] = has_inside;
+    const Vec<3> normal = has_inside ? Vec<3>(area.normalized()) : longest.unitOrthogonal();
+    Vec<3> inward = normal.cross(along);
+    if (inward.dot(c - a) < 0) inward = -inward;
+    const auto i = static_cast<Eigen::Index>(lane);
+    const auto set = [&](Linear& linear, const Vec<3>& direction) {
+      for (Eigen::Index axis = 0; axis < 3; ++axis)
+        linear.a[static_cast<size_t>(axis)][i] = static_cast<float>(direction[axis]);
+      linear.b[i] = static_cast<float>(direction.dot(origin_ - a));
+    };
+    set(along_, along);
+    set(inward_, inward);
+    set(normal_, normal);
+    length_[i] = static_cast<float>(length);
+    size_ = std::max(size_, static_cast<float>((a - origin_).norm()));
+  }
+}
+
+double TrianglePairDistance::lower_bound(const Vec<3>& x) const {
+  const Eigen::Array3f local = (x - origin_).cast<float>();
+  const Lanes along = along_(local), inward = inward_(local), normal = normal_(local);
+  const Lanes beyond = along - along.max(0.0f).min(length_);
+  const Lanes from_edge = beyond * beyond + inward * inward;
+  const auto squared = [&](Eigen::Index first) {
+    const bool inside = has_inside_[static_cast<size_t>(first / 4)] && inward.segment<4>(first).minCoeff() >= 0.0f;
+    return (inside ? 0.0f : from_edge.segment<4>(first).minCoeff()) + normal[first] * normal[first];
+  };
+  const float distance = std::sqrt(std::min(squared(0), squared(4)));
+  // Each linear function is off by a few roundings of its largest term, a sliver by its height.
+  return std::max(0.0, static_cast<double>(distance) - 3e-6 * static_cast<double>(distance + size_));
 }
 
 BilinearPatch BilinearPatch::part(const PatchWindow& window) const {

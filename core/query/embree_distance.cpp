@@ -27,7 +27,7 @@ struct Facet {
   std::array<Vec<D>, 4> corner;
   double deviation = 0.0;  // of the patch from its two triangles
   PatchWindow window;
-  std::array<TriangleDistance, D == 3 ? 2 : 0> triangle;  // one, or the two of a quad
+  TrianglePairDistance triangles;  // D = 3: the triangle, or the two of a quad
 };
 
 template <int D>
@@ -36,9 +36,12 @@ std::vector<Facet<D>> make_facets(const Cage<D>& cage) {
   for (uint32_t e = 0; e < cage.elements().size(); ++e) {
     const Element& element = cage.elements()[e];
     if (element.kind != ElementKind::kQuad) {
-      Facet<D> facet{.element = e, .kind = element.kind, .corner = {}, .window = {}, .triangle = {}};
+      Facet<D> facet{.element = e, .kind = element.kind, .corner = {}, .window = {}, .triangles = {}};
       for (int i = 0; i < element.corner_count(); ++i) facet.corner[static_cast<size_t>(i)] = cage.corner(element, i);
-      if constexpr (D == 3) facet.triangle[0] = {facet.corner[0], facet.corner[1], facet.corner[2]};
+      if constexpr (D == 3) {
+        const std::array<Vec<3>, 3> triangle{facet.corner[0], facet.corner[1], facet.corner[2]};
+        facet.triangles = {triangle, triangle};
+      }
       facets.push_back(facet);
       continue;
     }
@@ -46,13 +49,13 @@ std::vector<Facet<D>> make_facets(const Cage<D>& cage) {
       const BilinearPatch patch = patch_of(cage, element);
       for (const PatchWindow& window : patch_windows(patch.cuts(kDeviationMax, kDeviationOfSize, kCutsMax))) {
         const BilinearPatch part = patch.part(window);
-        facets.push_back({e,
-                          ElementKind::kQuad,
-                          part.corner,
-                          part.triangle_deviation(),
-                          window,
-                          {TriangleDistance(part.corner[0], part.corner[1], part.corner[2]),
-                           TriangleDistance(part.corner[0], part.corner[2], part.corner[3])}});
+        facets.push_back(
+            {e,
+             ElementKind::kQuad,
+             part.corner,
+             part.triangle_deviation(),
+             window,
+             {{part.corner[0], part.corner[1], part.corner[2]}, {part.corner[0], part.corner[2], part.corner[3]}}});
       }
     }
   }
@@ -181,12 +184,11 @@ class EmbreeDistance final : public DistanceIndex<D> {
     return closest_on_segment<D>(x, facet.corner[0], facet.corner[1]);
   }
 
-  // At most the distance to the facet, to rounding; at least half of it.
+  // At most the distance to the facet; at least half of it, but for a millionth of the facet's size.
   double lower_bound(const Facet<D>& facet, const Vec<D>& x) const {
     if constexpr (D == 3) {
-      double by_triangles = facet.triangle[0].squared(x);
-      if (facet.kind == ElementKind::kTriangle) return std::sqrt(by_triangles);
-      by_triangles = std::sqrt(std::min(by_triangles, facet.triangle[1].squared(x)));
+      const double by_triangles = facet.triangles.lower_bound(x);
+      if (facet.kind == ElementKind::kTriangle) return by_triangles;
       if (by_triangles >= 4 * facet.deviation) return by_triangles - facet.deviation;
     }
     return std::sqrt(closest_on(facet, x).distance_squared);

@@ -28,16 +28,10 @@ inline SineCosine sine_cosine_of_turns(double turns) {
   for (const double divisor : {-87178291200.0, 479001600.0, -3628800.0, 40320.0, -720.0, 24.0, -2.0})
     c = c * x2 + 1.0 / divisor;
   c = c * x2 + 1.0;
-  switch (static_cast<int>(quarter) & 3) {
-    case 0:
-      return {s, c};
-    case 1:
-      return {c, -s};
-    case 2:
-      return {-s, -c};
-    default:
-      return {-c, s};
-  }
+  // A quarter turn swaps sine and cosine, and flips signs; without branches, for vector code.
+  const int turn = static_cast<int>(quarter);
+  const bool swap = (turn & 1) != 0;
+  return {((turn & 2) != 0 ? -1.0 : 1.0) * (swap ? c : s), (((turn + 1) & 2) != 0 ? -1.0 : 1.0) * (swap ? s : c)};
 }
 
 template <int D>

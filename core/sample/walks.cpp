@@ -61,18 +61,25 @@ struct HarmonicWalks<D>::Batch {
 
 template <int D>
 void HarmonicWalks<D>::step(Batch& batch, const QueryRandom& random, SampleCounts& counts) const {
+  // Numbers and directions of all walks in plain loops, which the compiler turns into vector code.
+  std::array<std::array<double, 2>, kBatch> numbers;
+  std::array<Vec<D>, kBatch> direction;
+  for (uint32_t i = 0; i < batch.active; ++i)
+    numbers[i] = random.pair(batch.first_walk + batch.slot[i], batch.steps[i]);
+  for (uint32_t i = 0; i < batch.active; ++i) direction[i] = uniform_direction<D>(numbers[i]);
+
   for (uint32_t i = 0; i < batch.active; ++i) {
-    const auto numbers = random.pair(batch.first_walk + batch.slot[i], batch.steps[i]++);
+    ++batch.steps[i];
     Vec<D>& position = batch.position[i];
     const double distance = position.norm();
     if (settings_.run_on && distance > kReentryRadius) {
-      position = exterior_hit(position, kEnclosingRadius, numbers);
+      position = exterior_hit(position, kEnclosingRadius, numbers[i]);
       // In the plane Brownian motion comes back with certainty, in space with this probability.
       if constexpr (D == 3) batch.weight[i] *= kEnclosingRadius / distance;
       batch.hint[i] = kNoHint;
       ++counts.reentries;
     } else {
-      position += batch.radius[i] * uniform_direction<D>(numbers);
+      position += batch.radius[i] * direction[i];
     }
   }
   counts.steps += batch.active;
