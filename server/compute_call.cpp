@@ -74,7 +74,7 @@ class ComputeCall final : public grpc::ServerBidiReactor<Request, Response> {
     request_ = {};
     guarded(
         [this] {
-          std::variant<Response, Refusal> header = job_.end_of_input();
+          std::variant<Response, Refusal> header = job_.end_of_input(log_.cancel_flag());
           if (const Refusal* refusal = std::get_if<Refusal>(&header)) return conclude(*refusal);
           std::unique_lock lock(mutex_);
           outgoing_.push_back(std::move(std::get<Response>(header)));

@@ -72,7 +72,9 @@ void ComputeJob::start(const v1::ComputeHeader& header, Then then) {
   if (Status same = check_digest(digest, plan_->digest, "header.expected_digest"); !same)
     return then(refuse(same.error()));
   if (std::optional<Refusal> refusal = check_metadata(digest)) return then(std::move(refusal));
-  if (std::optional<Refusal> refusal = admit(storage.dimension, storage.control_vertex_count())) {
+  if (std::optional<Refusal> refusal = admit({.dimension = storage.dimension,
+                                              .control_vertices = storage.control_vertex_count(),
+                                              .stencil_max = storage.stencil_max()})) {
     return then(std::move(refusal));
   }
   get_index(state_.cages, digest, std::move(storage), waiter);
@@ -90,17 +92,22 @@ std::optional<Refusal> ComputeJob::use_index(Result<CageCache::Index> index, boo
   index_ = std::move(*index);
   cache_hit_ = cache_hit;
   if (!ticket_) {
-    if (std::optional<Refusal> refusal = admit(index_->dimension(), index_->control_vertex_count())) return refusal;
+    if (std::optional<Refusal> refusal = admit({.dimension = index_->dimension(),
+                                                .control_vertices = index_->control_vertex_count(),
+                                                .stencil_max = index_->stencil_max()}))
+      return refusal;
   }
   assembler_.emplace(plan_->counts, index_->dimension());
   cage_s_ = std::chrono::duration<double>(Clock::now() - cage_start_).count();
   return std::nullopt;
 }
 
-std::optional<Refusal> ComputeJob::admit(int dimension, uint64_t control_vertices) {
-  const QueryCounts& counts = plan_->counts;
-  const uint64_t bytes =
-      estimate_memory_bytes(dimension, control_vertices, counts.points, counts.corners, plan_->options);
+std::optional<Refusal> ComputeJob::admit(BindingSize size) {
+  size.points = plan_->counts.points;
+  size.face_corners = plan_->counts.corners;
+  size.block_rows = choose_block_rows(size.dimension, size.control_vertices);
+  size.threads = static_cast<uint64_t>(state_.arena.threads());
+  const uint64_t bytes = estimate_memory_bytes(size, plan_->options);
   if (bytes > state_.limits.request_bytes_max) {
     return refuse({ErrorCode::kResourceExhausted, "header.queries",
                    fmt::format("about {} bytes of working memory, more than this server's limit of {}; cut the points "
@@ -113,23 +120,24 @@ std::optional<Refusal> ComputeJob::admit(int dimension, uint64_t control_vertice
   return std::nullopt;
 }
 
-uint32_t ComputeJob::choose_block_rows() const {
+uint32_t ComputeJob::choose_block_rows(int dimension, uint64_t control_vertices) const {
+  // Asked before the cage is known to be sound: it may have no vertices at all.
   const uint64_t row_bytes =
-      index_->control_vertex_count() * entry_bytes(index_->dimension(), plan_->options.gradients, plan_->float64);
+      std::max<uint64_t>(1, control_vertices * entry_bytes(dimension, plan_->options.gradients, plan_->float64));
   const bool asked = plan_->block_rows != 0;
   const uint64_t fit = std::max<uint64_t>(1, (asked ? kBlockBytesMax : kBlockBytesDefault) / row_bytes);
   const uint32_t wanted = asked ? plan_->block_rows : std::min(kBlockRowsDefault, state_.limits.block_rows_max);
   return static_cast<uint32_t>(std::min<uint64_t>(wanted, fit));
 }
 
-std::variant<ComputeJob::Response, Refusal> ComputeJob::end_of_input() {
+std::variant<ComputeJob::Response, Refusal> ComputeJob::end_of_input(const std::atomic<bool>& cancel) {
   if (!plan_) return refuse(invalid_argument("header", "missing; the first message must be the header"));
   Result<QueryInput> queries = assembler_->take();
   if (!queries) return refuse(queries.error());
-  const uint32_t block_rows = choose_block_rows();
+  const uint32_t block_rows = choose_block_rows(index_->dimension(), index_->control_vertex_count());
   Result<std::unique_ptr<Binding>> binding =
       Binding::create(index_, std::move(*queries),
-                      {.options = plan_->options, .block_rows = block_rows, .first_row = plan_->first_row});
+                      {.options = plan_->options, .block_rows = block_rows, .first_row = plan_->first_row}, cancel);
   if (!binding) return refuse(binding.error());
   binding_ = std::move(*binding);
   return encode_header({.digest = index_->digest(),

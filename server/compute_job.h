@@ -35,7 +35,7 @@ class ComputeJob {
   // cage is being built by another request.
   void receive(const v1::ComputeCoordinatesRequest& message, std::function<void(std::optional<Refusal>)> then);
   // Everything is there: makes the binding. The answer's header, or what is wrong.
-  std::variant<Response, Refusal> end_of_input();
+  std::variant<Response, Refusal> end_of_input(const std::atomic<bool>& cancel);
 
   struct Step {
     std::optional<Response> message;
@@ -54,8 +54,8 @@ class ComputeJob {
   void start(const v1::ComputeHeader& header, Then then);
   std::optional<Refusal> check_metadata(const CageDigest& digest) const;
   std::optional<Refusal> use_index(Result<CageCache::Index> index, bool cache_hit);
-  std::optional<Refusal> admit(int dimension, uint64_t control_vertices);
-  uint32_t choose_block_rows() const;
+  std::optional<Refusal> admit(BindingSize size);  // the rest of it is filled in
+  uint32_t choose_block_rows(int dimension, uint64_t control_vertices) const;
   std::optional<Response> progress_message();
 
   using Clock = std::chrono::steady_clock;

@@ -78,6 +78,15 @@ Status copy_elements(const v1::Cage& cage, CageStorage& storage) {
 
 }  // namespace
 
+uint64_t CageStorage::stencil_max() const {
+  uint64_t result = 4;
+  for (size_t i = 0; i + 1 < polygon_offsets.size(); ++i) {
+    if (polygon_offsets[i + 1] > polygon_offsets[i])
+      result = std::max<uint64_t>(result, polygon_offsets[i + 1] - polygon_offsets[i]);
+  }
+  return result;
+}
+
 CageInput CageStorage::input() const {
   return {.dimension = dimension,
           .control_vertices = control_vertices,

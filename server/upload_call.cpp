@@ -72,6 +72,14 @@ class UploadCall final : public grpc::ServerReadReactor<v1::UploadCageRequest> {
       return conclude({same.error(), {}, {}});
     get_index(state_.cages, digest, std::move(*cage), [this](Result<CageCache::Index> index, CageCache::Found) {
       if (!index) return conclude({index.error(), {}, {}});
+      if (!state_.cages.contains((*index)->digest())) {
+        return conclude({{ErrorCode::kResourceExhausted, "cage",
+                          fmt::format("its {} bytes of acceleration structures found no place in this server's cache; "
+                                      "send it inline with the request",
+                                      (*index)->bytes())},
+                         {},
+                         {}});
+      }
       *response_.mutable_digest() = encode_digest((*index)->digest());
       for (const Warning& warning : (*index)->warnings()) *response_.add_warnings() = encode_warning(warning);
       send(grpc::Status::OK);

@@ -14,6 +14,9 @@
 namespace barycast {
 namespace {
 
+// Squared diagonals; the heat kernel then reaches over about a tenth of the cage.
+constexpr double kSmoothingTimeLarge = 0.01;
+
 using Clock = std::chrono::steady_clock;
 
 // Adds the life time of the object to `seconds`.
@@ -118,7 +121,7 @@ class BindingOf final : public Binding {
   bool run_quantum(size_t count, const std::atomic<bool>& cancel, const Body& body) {
     const StageTimer timer(ignored_);
     std::atomic<bool> complete = true;
-    parallel_for(count, kPointsPerTask, [&](size_t begin, size_t end) {
+    parallel_for(count, count < kPointsPerTask * parallel_width() ? 1 : kPointsPerTask, [&](size_t begin, size_t end) {
       for (size_t i = begin; i < end; ++i)
         if (!complete.load(std::memory_order_relaxed) || !body(i)) complete = false;
     });
@@ -142,6 +145,10 @@ class BindingOf final : public Binding {
 
   Step factor() {
     const StageTimer timer(summary_.smoothing_factor_s);
+    if (summary_.smoothing_time > kSmoothingTimeLarge)
+      summary_.warnings.push_back({"smoothing_time",
+                                   "denoising averages over a tenth of the cage and more, for the mesh has "
+                                   "very long edges; leave them out, or set a smaller time"});
     const MeshLaplacian laplacian = polygon_laplacian(queries_.mesh);
     if (laplacian.faces_skipped > 0)
       summary_.warnings.push_back(
@@ -152,8 +159,7 @@ class BindingOf final : public Binding {
           {"points", std::to_string(isolated) + " positions belong to no face with area and were not denoised"});
     auto kernel = HeatKernel::create(laplacian, summary_.smoothing_time);
     if (!kernel) {
-      // Faces are skipped until the matrix is sound, so this is a defect of ours: rows are still right,
-      // only noisier, and the summary says so.
+      // The faces are at fault, and the rows are right without them, only noisier: the summary says so.
       summary_.warnings.push_back({"faces", kernel.error().message});
       kernel = HeatKernel::create(MeshLaplacian{{}, Eigen::VectorXd::Zero(laplacian.area.size()), 0}, 0.0);
     }
@@ -266,8 +272,9 @@ class BindingOf final : public Binding {
 
 template <int D>
 Result<std::unique_ptr<Binding>> create_of(std::shared_ptr<const CageIndex> index, const CageStructures<D>& structures,
-                                           const QueryInput& input, const BindingSettings& settings) {
-  auto queries = QuerySet<D>::create(input, structures.cage.frame());
+                                           const QueryInput& input, const BindingSettings& settings,
+                                           const std::atomic<bool>& cancel) {
+  auto queries = QuerySet<D>::create(input, structures.cage.frame(), cancel);
   if (!queries) return queries.error();
   if (settings.first_row >= queries->points.size())
     return invalid_argument("resume.first_row",
@@ -279,26 +286,32 @@ Result<std::unique_ptr<Binding>> create_of(std::shared_ptr<const CageIndex> inde
 }  // namespace
 
 Result<std::unique_ptr<Binding>> Binding::create(std::shared_ptr<const CageIndex> index, QueryInput queries,
-                                                 const BindingSettings& settings) {
+                                                 const BindingSettings& settings, const std::atomic<bool>& cancel) {
   BARYCAST_CHECK_OP(settings.block_rows, >, 0u);
   const auto& structures = index->structures();
-  return std::visit([&](const auto& s) { return create_of(std::move(index), *s, queries, settings); }, structures);
+  return std::visit([&](const auto& s) { return create_of(std::move(index), *s, queries, settings, cancel); },
+                    structures);
 }
 
-uint64_t estimate_memory_bytes(int dimension, uint64_t control_vertices, uint64_t points, uint64_t face_corners,
-                               const ResolvedOptions& options) {
-  const auto d = static_cast<uint64_t>(dimension);
-  // The request's own arrays, the normalized points, and the names of positions.
-  uint64_t bytes = points * (2 * d * sizeof(double) + 64) + 2 * face_corners * sizeof(uint32_t);
-  if (options.denoise != Denoise::kMesh) return bytes + (1 << 20);
-  // A fit per vertex that a sample touches, four at most; an entry per vertex that survives smoothing,
-  // rarely more than 64 unless nothing is pruned.
-  const uint64_t fits = std::min<uint64_t>(control_vertices, uint64_t{4} * options.samples);
-  const uint64_t entries = options.prune_below > 0.0 ? std::min<uint64_t>(control_vertices, 64) : control_vertices;
-  bytes += points * (320 + fits * (8 + (d + 1) * sizeof(double)) + entries * (16 + d * sizeof(double)));
-  // The Laplacian while it is assembled, its factor (about 40 entries per point on surfaces), and two
-  // blocks of columns per thread, two threads.
-  return bytes + face_corners * 96 + points * (40 * 12 + 4 * HeatKernel::kColumns * sizeof(double)) + (1 << 20);
+uint64_t estimate_memory_bytes(const BindingSize& size, const ResolvedOptions& options) {
+  const auto d = static_cast<uint64_t>(size.dimension);
+  const uint64_t entry_bytes = 16 + d * sizeof(double);
+  // Entries of a row: rarely more than 64 (more around polygons) at the usual thresholds, all at lower ones.
+  const uint64_t entries =
+      options.prune_below >= 1e-5 ? std::min(size.control_vertices, 64 + 2 * size.stencil_max) : size.control_vertices;
+  // Workspaces, the block under way, and of every point: as it came, normalized, as a node, and its name's
+  // place in a hash map. Vectors grow to twice what they hold.
+  uint64_t bytes = (uint64_t{1} << 20) + size.threads * size.control_vertices * (d + 1) * sizeof(double) +
+                   std::min(size.block_rows, size.points) * 4 * entries * entry_bytes +
+                   size.points * (3 * d * sizeof(double) + 96) + 3 * size.face_corners * sizeof(uint32_t);
+  if (options.denoise != Denoise::kMesh) return bytes;
+  // A fit per vertex that a sample touches.
+  const uint64_t fits = std::min(size.control_vertices, size.stencil_max * options.samples + 4);
+  bytes += size.points * (512 + 2 * fits * (8 + (d + 1) * sizeof(double)) + 2 * entries * entry_bytes);
+  // Edges and Laplacian while they are assembled, its factor (up to about 64 entries a point on surfaces), and
+  // two blocks of columns per thread.
+  return bytes + size.face_corners * 160 +
+         size.points * (64 * 12 + 2 * size.threads * HeatKernel::kColumns * sizeof(double));
 }
 
 Result<RowBlock> bind_all(std::shared_ptr<const CageIndex> index, QueryInput queries, const ResolvedOptions& options,

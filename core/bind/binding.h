@@ -75,12 +75,16 @@ struct BindingSettings {
   uint64_t first_row = 0;      // rows before it are not produced
 };
 
+inline const std::atomic<bool> kNeverCancelled = false;
+
 class Binding {
  public:
   // Errors, with paths relative to the request: kInvalidArgument ("points[17]": non-finite,
   // "faces[3].corner[1]": no such point, no points at all).
+  // kCancelled when `cancel` was seen set: reading millions of points takes a while.
   static Result<std::unique_ptr<Binding>> create(std::shared_ptr<const CageIndex> index, QueryInput queries,
-                                                 const BindingSettings& settings);
+                                                 const BindingSettings& settings,
+                                                 const std::atomic<bool>& cancel = kNeverCancelled);
   virtual ~Binding() = default;
 
   enum class Step { kWorking, kBlock, kDone, kCancelled };
@@ -100,9 +104,20 @@ class Binding {
   Binding() = default;
 };
 
-// Working memory of a binding, estimated from above, before it exists.
-uint64_t estimate_memory_bytes(int dimension, uint64_t control_vertices, uint64_t points, uint64_t face_corners,
-                               const ResolvedOptions& options);
+// How large a binding would be. `stencil_max`: most control vertices behind one point of the cage, 4 unless
+// it has larger polygons.
+struct BindingSize {
+  int dimension = 3;
+  uint64_t control_vertices = 0;
+  uint64_t stencil_max = 4;
+  uint64_t points = 0;
+  uint64_t face_corners = 0;
+  uint64_t block_rows = 4096;
+  uint64_t threads = 1;
+};
+
+// Working memory of a binding before it exists, meant as an upper bound for meshes that are surfaces.
+uint64_t estimate_memory_bytes(const BindingSize& size, const ResolvedOptions& options);
 
 // All rows in one block, on the calling thread's arena.
 Result<RowBlock> bind_all(std::shared_ptr<const CageIndex> index, QueryInput queries, const ResolvedOptions& options,

@@ -47,6 +47,10 @@ uint32_t CageIndex::control_vertex_count() const {
   return std::visit([](const auto& s) { return s->cage.control_vertex_count(); }, structures_);
 }
 
+uint32_t CageIndex::stencil_max() const {
+  return std::visit([](const auto& s) { return s->cage.stencil_max(); }, structures_);
+}
+
 std::span<const Warning> CageIndex::warnings() const {
   return std::visit([](const auto& s) { return s->cage.warnings(); }, structures_);
 }

@@ -39,6 +39,7 @@ class CageIndex {
   int dimension() const;
   const CageDigest& digest() const { return digest_; }
   uint32_t control_vertex_count() const;
+  uint32_t stencil_max() const;
   std::span<const Warning> warnings() const;
   size_t bytes() const { return bytes_; }  // memory held, for the cache's bound
 

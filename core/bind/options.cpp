@@ -41,7 +41,7 @@ Result<ResolvedOptions> resolve(const Options& options, bool queries_have_faces)
   if (resolved.denoise == Denoise::kMesh && !queries_have_faces)
     return invalid_argument("denoise", "denoising over a mesh needs faces between the query points");
   if (resolved.samples < 1 || resolved.samples > kSamplesMax)
-    return invalid_argument("samples", "must be 1 to 10000000");
+    return invalid_argument("samples", resolved.samples < 1 ? "must be 1 or more" : "must be at most 10000000");
   if (resolved.walk_steps_max < 1 || resolved.walk_steps_max > kWalkStepsMax)
     return invalid_argument("walk_steps_max", "must be 1 to 100000");
   if (auto s = check_range("thickness", resolved.thickness, kThicknessMin, kThicknessMax,

@@ -54,7 +54,9 @@ Status check_faces(const QueryInput& input, size_t point_count) {
 }  // namespace
 
 template <int D>
-Result<QuerySet<D>> QuerySet<D>::create(const QueryInput& input, const Frame<D>& frame) {
+Result<QuerySet<D>> QuerySet<D>::create(const QueryInput& input, const Frame<D>& frame,
+                                        const std::atomic<bool>& cancel) {
+  const Error cancelled{ErrorCode::kCancelled, "", "the request was cancelled"};
   auto points = read_points<D>(input.points, frame);
   if (!points) return points.error();
   QuerySet set;
@@ -67,6 +69,7 @@ Result<QuerySet<D>> QuerySet<D>::create(const QueryInput& input, const Frame<D>&
   node_of_key.reserve(set.points.size());
   set.node_of_point.reserve(set.points.size());
   for (const Vec<D>& x : set.points) {
+    if (set.node_of_point.size() % 4096 == 0 && cancel.load(std::memory_order_relaxed)) return cancelled;
     auto next = static_cast<uint32_t>(set.nodes.size());
     const auto [found, is_new] = node_of_key.try_emplace(position_key<D>(x), next);
     if (!is_new && set.nodes[found->second] == x) next = found->second;
@@ -77,6 +80,7 @@ Result<QuerySet<D>> QuerySet<D>::create(const QueryInput& input, const Frame<D>&
     set.warnings.push_back(
         {"points", std::to_string(repeated) + " query points coincide with others and get the same rows"});
 
+  if (input.face_offsets.empty()) return set;
   for (const Vec<D>& x : set.nodes) {
     set.mesh.nodes.push_back(Vec<3>::Zero());
     set.mesh.nodes.back().template head<D>() = x;

@@ -3,6 +3,7 @@
 // The validated query points in the cage's normalized frame, and the mesh between their distinct
 // positions. `QuerySet::create` is the only door. Linear in the input.
 
+#include <atomic>
 #include <cstdint>
 #include <vector>
 
@@ -16,12 +17,11 @@ namespace barycast {
 template <int D>
 struct QuerySet {
   // Errors, with paths: no points, a point that is not finite or too far, faces that name missing
-  // points, offsets that do not fit.
-  static Result<QuerySet> create(const QueryInput& input, const Frame<D>& frame);
+  // points, offsets that do not fit; kCancelled.
+  static Result<QuerySet> create(const QueryInput& input, const Frame<D>& frame, const std::atomic<bool>& cancel);
 
   std::vector<Vec<D>> points;
-  // Points at equal positions are one node, so that seams of a mesh cannot crack under smoothing. Only
-  // where there are faces.
+  // Points at equal positions are one node, so that seams of a mesh cannot crack under smoothing.
   std::vector<Vec<D>> nodes;
   std::vector<uint32_t> node_of_point;
   QueryMesh mesh;  // over the nodes

@@ -15,14 +15,14 @@ std::string element_path(const char* list, size_t index) {
   return std::string("cage.") + list + "[" + std::to_string(index) + "]";
 }
 
-// Twice the largest area of a triangle cut from the element's corners, over its longest edge squared:
-// the relative size below which an element is degenerate.
+// Whether an element is a point, or a face without area, to rounding. In the normalized frame, where
+// corners that differ in the caller's may coincide.
 template <int D>
 bool is_degenerate(std::span<const Vec<D>> corners) {
   double edge_squared = 0.0;
   for (size_t i = 0; i < corners.size(); ++i)
     for (size_t j = 0; j < i; ++j) edge_squared = std::max(edge_squared, (corners[i] - corners[j]).squaredNorm());
-  if (!(edge_squared > 0.0)) return true;
+  if (edge_squared < kDegenerate * kDegenerate) return true;
   if constexpr (D == 2) {
     return false;
   } else {
@@ -41,7 +41,8 @@ bool is_degenerate(std::span<const Vec<D>> corners) {
 template <int D>
 class ElementBuilder {
  public:
-  ElementBuilder(std::vector<Vec<D>>& nodes, uint32_t vertex_count) : nodes_(nodes), vertex_count_(vertex_count) {}
+  ElementBuilder(std::vector<Vec<D>>& nodes, const Frame<D>& frame)
+      : used(nodes.size()), nodes_(nodes), frame_(frame), vertex_count_(static_cast<uint32_t>(nodes.size())) {}
 
   Status add_list(const char* list, ElementKind kind, std::span<const uint32_t> indices) {
     const size_t corners = 2 + static_cast<size_t>(kind);
@@ -88,7 +89,6 @@ class ElementBuilder {
         return invalid_argument(
             element_path(list, index) + ".vertex[" + std::to_string(i) + "]",
             "index " + std::to_string(corners[i]) + " >= " + std::to_string(vertex_count_) + " control vertices");
-    if (used.empty()) used.resize(vertex_count_);
     const size_t before = elements.size();
     if (corners.size() <= 4) {
       keep({corners.begin(), corners.end()});
@@ -122,7 +122,7 @@ class ElementBuilder {
     std::vector<Vec<D>> corners;
     Element element{static_cast<ElementKind>(nodes.size() - 2), {}};
     for (size_t i = 0; i < nodes.size(); ++i) {
-      corners.push_back(nodes_[nodes[i]]);
+      corners.push_back(frame_.to_normalized(nodes_[nodes[i]]));
       element.node[i] = nodes[i];
     }
     if (!is_degenerate<D>(corners)) elements.push_back(element);
@@ -138,6 +138,7 @@ class ElementBuilder {
   }
 
   std::vector<Vec<D>>& nodes_;
+  const Frame<D>& frame_;
   uint32_t vertex_count_;
   size_t degenerate_count_ = 0, degenerate_first_ = 0;
 };
@@ -175,7 +176,20 @@ Frame<D> bounding_frame(const std::vector<Vec<D>>& nodes, std::span<const uint32
   // two has its frame scaled without rounding.
   const Vec<D> extent = high - low;
   const double largest = extent.maxCoeff();
+  if (!(largest > 0.0)) return Frame<D>{low, 1.0};  // all in one place: every element is degenerate
   return Frame<D>{low * 0.5 + high * 0.5, largest * (extent / largest).norm()};
+}
+
+// Valid indices of any element, ascending.
+std::vector<uint32_t> mentioned_vertices(const CageInput& input, uint32_t vertex_count) {
+  std::vector<bool> mentioned(vertex_count);
+  for (const auto& list : {input.segments, input.triangles, input.quads, input.polygon_corners})
+    for (const uint32_t v : list)
+      if (v < vertex_count) mentioned[v] = true;
+  std::vector<uint32_t> result;
+  for (uint32_t v = 0; v < vertex_count; ++v)
+    if (mentioned[v]) result.push_back(v);
+  return result;
 }
 
 template <int D>
@@ -227,16 +241,18 @@ Result<Cage<D>> Cage<D>::create(const CageInput& input) {
                             : !input.quads.empty()   ? "cage.quads"
                                                      : "cage.polygons",
                             "a cage in the plane is made of segments");
-  ElementBuilder<D> builder(cage.nodes_, cage.control_vertex_count_);
+  const auto mentioned = mentioned_vertices(input, cage.control_vertex_count_);
+  if (mentioned.empty())
+    return invalid_argument("cage", "has no elements; a cage needs segments (in the plane) or faces (in space)");
+  const Frame<D> outer = bounding_frame<D>(cage.nodes_, mentioned);
+  ElementBuilder<D> builder(cage.nodes_, outer);
   if (auto status = builder.add_list("segments", ElementKind::kSegment, input.segments); !status) return status.error();
   if (auto status = builder.add_list("triangles", ElementKind::kTriangle, input.triangles); !status)
     return status.error();
   if (auto status = builder.add_list("quads", ElementKind::kQuad, input.quads); !status) return status.error();
   if (auto status = builder.add_polygons(input.polygon_offsets, input.polygon_corners); !status) return status.error();
   if (builder.elements.empty())
-    return builder.warnings.empty()
-               ? invalid_argument("cage", "has no elements; a cage needs segments (in the plane) or faces (in space)")
-               : invalid_argument(builder.warnings[0].field, "every element of the cage is degenerate (no area)");
+    return invalid_argument(builder.warnings[0].field, "every element of the cage is degenerate (no area)");
 
   cage.elements_ = std::move(builder.elements);
   cage.warnings_ = std::move(builder.warnings);
@@ -270,6 +286,14 @@ Result<Cage<D>> Cage<D>::create(const CageInput& input) {
 template <int D>
 std::span<const VertexWeight> Cage<D>::stencil(uint32_t node) const {
   return {stencils_.data() + stencil_offsets_[node], stencil_offsets_[node + 1] - stencil_offsets_[node]};
+}
+
+template <int D>
+uint32_t Cage<D>::stencil_max() const {
+  uint32_t result = 4;
+  for (uint32_t node = control_vertex_count_; node < nodes_.size(); ++node)
+    result = std::max(result, static_cast<uint32_t>(stencil(node).size()));
+  return result;
 }
 
 template <int D>

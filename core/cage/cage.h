@@ -82,6 +82,9 @@ class Cage {
   // The control vertices behind a node: itself, or the corners of its polygon.
   std::span<const VertexWeight> stencil(uint32_t node) const;
 
+  // Most control vertices behind one point of the cage: 4, or the corners of its largest polygon.
+  uint32_t stencil_max() const;
+
   // +1 where element normals point outwards on the whole, -1 where inwards: the sign of the enclosed
   // volume (area) as computed from the elements about the centre.
   double orientation() const { return orientation_; }

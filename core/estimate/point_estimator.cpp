@@ -1,5 +1,7 @@
 #include "estimate/point_estimator.h"
 
+#include <cmath>
+
 #include "base/random.h"
 #include "base/tolerances.h"
 #include "query/element_distance.h"
@@ -7,8 +9,9 @@
 namespace barycast {
 namespace {
 
-// Nearer than this part of the thickness, the direction from the cage to the query is rounding.
-constexpr double kTie = 1e-6;
+// Nearer than this part of the thickness, the direction from the cage to the query is rounding: with the
+// default thickness 1e-6 diagonals, a few roundings of a query that was stored in float.
+constexpr double kTie = 1e-3;
 
 }  // namespace
 
@@ -29,8 +32,12 @@ Vec<D> PointEstimator<D>::shifted(const Vec<D>& x, const CagePoint<D>& closest) 
   const double shift = kFrameShift * settings_.thickness;
   if (closest.distance > kTie * settings_.thickness)
     return closest.point + shift / closest.distance * (x - closest.point);
-  const Vec<D> normal = element_normal(cage_, cage_.elements()[closest.element], closest.shares);
-  return closest.point - shift * cage_.orientation() * normal;
+  // Against the normal as the cage faces on the whole, unless the other side is clearly further inside:
+  // a hole whose border runs the way of the outline, a component that faces the other way.
+  const Vec<D> normal = cage_.orientation() * element_normal(cage_, cage_.elements()[closest.element], closest.shares);
+  const Vec<D> against = closest.point - shift * normal, along = closest.point + shift * normal;
+  const bool other_side = std::abs(std::abs(winding_(along)) - 1) + 0.25 < std::abs(std::abs(winding_(against)) - 1);
+  return other_side ? along : against;
 }
 
 template <int D>

@@ -21,9 +21,8 @@ class Scatter {
     scatter_ += from_old * (x - mean_).transpose();
   }
   double smallest() const {
-    Eigen::SelfAdjointEigenSolver<Mat<D>> solver;
-    solver.computeDirect(scatter_, Eigen::EigenvaluesOnly);
-    return solver.eigenvalues()[0];
+    // By iteration, not by Eigen's closed form: its sines and cosines come from the system's library.
+    return Eigen::SelfAdjointEigenSolver<Mat<D>>(scatter_, Eigen::EigenvaluesOnly).eigenvalues()[0];
   }
 
  private:

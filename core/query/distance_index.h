@@ -42,7 +42,7 @@ inline constexpr uint32_t kNoHint = 0xFFFFFFFFu;
 
 // Embree's point query over user geometry, for every element kind and both dimensions; Embree proposes
 // candidates from padded boxes, our double tests decide. Builds in milliseconds.
-// Error: kInternal when Embree fails (memory).
+// Errors: kResourceExhausted for quads that are too many and too twisted, kInternal when Embree fails.
 template <int D>
 Result<std::unique_ptr<const DistanceIndex<D>>> make_embree_distance_index(const Cage<D>& cage);
 

@@ -183,8 +183,10 @@ Vec<3> element_normal(const Cage<3>& cage, const Element& element, const std::ar
   const double u = shares[1] + shares[2], v = shares[2] + shares[3];
   const Vec<3> tangent_u = (1 - v) * (b - a) + v * (c - d), tangent_v = (1 - u) * (d - a) + u * (c - b);
   const Vec<3> normal = tangent_u.cross(tangent_v);
-  // Where corners coincide the patch has no normal; that of its diagonals stands in.
-  return normal.squaredNorm() > 0 ? normal.normalized() : Vec<3>((c - a).cross(d - b).normalized());
+  // Where corners coincide the patch has no normal; that of a triangle with area stands in.
+  for (const Vec<3>& candidate : {normal, Vec<3>((b - a).cross(c - a)), Vec<3>((c - a).cross(d - a))})
+    if (candidate.squaredNorm() > 0) return candidate.normalized();
+  return Vec<3>::UnitX();
 }
 
 std::vector<PatchWindow> patch_windows(int cuts) {

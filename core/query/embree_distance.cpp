@@ -18,6 +18,8 @@ constexpr double kDeviationOfSize = 0.05;
 // ... and within this absolute deviation, so that walks need the exact patch for their last steps only.
 constexpr double kDeviationMax = 2e-3;
 constexpr int kCutsMax = 4;  // 16 x 16 windows
+// About half a gigabyte of facets; a cage of a million triangles fits.
+constexpr size_t kFacetsMax = size_t{1} << 20;
 
 // An element, or a window of a quad: what Embree sees.
 template <int D>
@@ -29,6 +31,24 @@ struct Facet {
   PatchWindow window;
   TrianglePairDistance triangles;  // D = 3: the triangle, or the two of a quad
 };
+
+int cuts_of(const BilinearPatch& patch) {
+  return patch.cuts(kDeviationMax, kDeviationOfSize, kCutsMax);
+}
+
+// Number of facets, or an error where twisted quads would make the index far larger than the cage.
+template <int D>
+Status check_facet_count(const Cage<D>& cage) {
+  size_t count = cage.elements().size();
+  if constexpr (D == 3)
+    for (const Element& element : cage.elements())
+      if (element.kind == ElementKind::kQuad) count += (size_t{1} << (2 * cuts_of(patch_of(cage, element)))) - 1;
+  if (count <= kFacetsMax) return Done{};
+  return Error{ErrorCode::kResourceExhausted, "cage.quads",
+               "the quads are so many and so twisted that they would need " + std::to_string(count) +
+                   " flat facets, more than " + std::to_string(kFacetsMax) +
+                   "; use more and flatter quads, or triangles"};
+}
 
 template <int D>
 std::vector<Facet<D>> make_facets(const Cage<D>& cage) {
@@ -47,7 +67,7 @@ std::vector<Facet<D>> make_facets(const Cage<D>& cage) {
     }
     if constexpr (D == 3) {
       const BilinearPatch patch = patch_of(cage, element);
-      for (const PatchWindow& window : patch_windows(patch.cuts(kDeviationMax, kDeviationOfSize, kCutsMax))) {
+      for (const PatchWindow& window : patch_windows(cuts_of(patch))) {
         const BilinearPatch part = patch.part(window);
         facets.push_back(
             {e,
@@ -228,6 +248,7 @@ class EmbreeDistance final : public DistanceIndex<D> {
 
 template <int D>
 Result<std::unique_ptr<const DistanceIndex<D>>> make_embree_distance_index(const Cage<D>& cage) {
+  if (auto status = check_facet_count(cage); !status) return status.error();
   auto index = std::make_unique<EmbreeDistance<D>>(cage);
   if (auto status = index->build(); !status) return status.error();
   return std::unique_ptr<const DistanceIndex<D>>(std::move(index));

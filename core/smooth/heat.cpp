@@ -1,28 +1,81 @@
 #include "smooth/heat.h"
 
 #include <cmath>
+#include <numeric>
 
 namespace barycast {
 namespace {
 
 constexpr size_t kCheckEvery = 2048;  // rows between two looks at `cancel`, well below a millisecond
 
+// Multiplications of a factorization that cannot be interrupted: some seconds. A surface of a million
+// points needs about 2e10; a few thousand points that faces connect at random already exceed it.
+constexpr double kFactorOperationsMax = 5e10;
+// A component of the mesh with less area than this times the smoothing time is far smaller than the
+// kernel's reach; its matrix is singular to rounding. Its nodes keep their rows.
+constexpr double kComponentAreaMin = 1e-9;
+
 using Sparse = Eigen::SparseMatrix<double>;
+
+// Nodes with area, in components large enough.
+std::vector<bool> nodes_to_smooth(const MeshLaplacian& laplacian, double time) {
+  const auto count = static_cast<size_t>(laplacian.area.size());
+  std::vector<uint32_t> parent(count);
+  std::iota(parent.begin(), parent.end(), 0u);
+  const auto root = [&](uint32_t node) {
+    while (parent[node] != node) node = parent[node] = parent[parent[node]];
+    return node;
+  };
+  for (int column = 0; column < laplacian.stiffness.outerSize(); ++column)
+    for (Sparse::InnerIterator it(laplacian.stiffness, column); it; ++it)
+      parent[root(static_cast<uint32_t>(it.row()))] = root(static_cast<uint32_t>(column));
+  std::vector<double> area(count, 0.0);
+  for (uint32_t i = 0; i < count; ++i) area[root(i)] += laplacian.area[i];
+  std::vector<bool> result(count);
+  for (uint32_t i = 0; i < count; ++i) result[i] = laplacian.area[i] > 0.0 && area[root(i)] > kComponentAreaMin * time;
+  return result;
+}
+
+// Operations of the factorization in the order that it will use, by walking the elimination tree
+// [Davis 2005, LDL]; stops counting beyond the bound.
+double factor_operations(const Sparse& lower) {
+  Eigen::AMDOrdering<int>::PermutationType inverse;
+  Eigen::AMDOrdering<int>()(lower.selfadjointView<Eigen::Lower>(), inverse);
+  Sparse upper(lower.rows(), lower.cols());
+  upper.selfadjointView<Eigen::Upper>() = lower.selfadjointView<Eigen::Lower>().twistedBy(inverse.inverse());
+  const auto size = static_cast<size_t>(lower.rows());
+  std::vector<int> parent(size, -1), seen(size, -1);
+  std::vector<double> below(size, 0.0);
+  double operations = 0.0;
+  for (int k = 0; k < lower.cols() && operations <= kFactorOperationsMax; ++k) {
+    seen[static_cast<size_t>(k)] = k;
+    for (Sparse::InnerIterator it(upper, k); it; ++it) {
+      if (it.row() >= k) continue;  // in no particular order
+      for (auto i = static_cast<size_t>(it.row()); seen[i] != k; i = static_cast<size_t>(parent[i])) {
+        if (parent[i] < 0) parent[i] = k;
+        seen[i] = k;
+        operations += 2 * below[i]++ + 1;  // the sum of squares of the columns' lengths
+      }
+    }
+  }
+  return operations;
+}
 
 }  // namespace
 
 Result<HeatKernel> HeatKernel::create(const MeshLaplacian& laplacian, double time) {
-  std::vector<int> row_of(static_cast<size_t>(laplacian.area.size()), -1);
+  const std::vector<bool> active_node = nodes_to_smooth(laplacian, time);
+  std::vector<int> row_of(active_node.size(), -1);
   std::vector<uint32_t> active;
-  for (Eigen::Index i = 0; i < laplacian.area.size(); ++i) {
-    if (!(laplacian.area[i] > 0.0)) continue;
-    row_of[static_cast<size_t>(i)] = static_cast<int>(active.size());
+  for (size_t i = 0; i < active_node.size(); ++i) {
+    if (!active_node[i]) continue;
+    row_of[i] = static_cast<int>(active.size());
     active.push_back(static_cast<uint32_t>(i));
   }
   std::vector<Eigen::Triplet<double>> entries;
   for (int column = 0; column < laplacian.stiffness.outerSize(); ++column)
     for (Sparse::InnerIterator it(laplacian.stiffness, column); it; ++it)
-      if (it.row() >= it.col())
+      if (it.row() >= it.col() && active_node[static_cast<size_t>(column)])
         entries.emplace_back(row_of[static_cast<size_t>(it.row())], row_of[static_cast<size_t>(column)],
                              time * it.value());
   for (size_t i = 0; i < active.size(); ++i)
@@ -31,6 +84,10 @@ Result<HeatKernel> HeatKernel::create(const MeshLaplacian& laplacian, double tim
   Sparse matrix(size, size);
   // Active nodes were renumbered in order, so the lower triangle stays the lower triangle.
   matrix.setFromTriplets(entries.begin(), entries.end());
+  if (factor_operations(matrix) > kFactorOperationsMax)
+    return Error{
+        ErrorCode::kResourceExhausted, "faces",
+        "the faces connect the points in no surface-like way, so denoising would take too long and was left out"};
   const Eigen::SimplicialLDLT<Sparse, Eigen::Lower, Eigen::AMDOrdering<int>> ldlt(matrix);
   const Eigen::VectorXd pivots = ldlt.vectorD();  // a copy every time it is asked for
   if (ldlt.info() != Eigen::Success || (size > 0 && !(pivots.minCoeff() > 0.0)))

@@ -2,8 +2,8 @@
 
 // One implicit step of heat flow, (A + t L)^-1 A [SBC 4.4]: factor once, then solve for many columns,
 // kColumns at a time. Rows sum to one, so smoothing every u_v by the same operator keeps linear
-// precision. Nodes without area are left alone. Double throughout; every column is solved in one fixed
-// order, so threads that share the work cannot change a bit.
+// precision. Nodes without area, and components much smaller than the kernel, are left alone. Double throughout; every
+// column is solved in one fixed order, so threads that share the work cannot change a bit.
 
 #include <Eigen/SparseCholesky>
 #include <atomic>
@@ -19,7 +19,8 @@ class HeatKernel {
   // Columns of one solve: two cache lines per node, enough to hide the memory of the factor.
   static constexpr size_t kColumns = 16;
 
-  // Factors A + t L. Error: kInternal when the matrix is not positive definite to rounding.
+  // Factors A + t L. Errors: kResourceExhausted when the factor would be far denser than a surface's (found
+  // before the work is done), kInternal when the matrix is not positive definite to rounding.
   static Result<HeatKernel> create(const MeshLaplacian& laplacian, double time);
 
   // Smooths a node-major block (nodes x kColumns) in place. `workspace` is any vector, reused between

@@ -1,6 +1,7 @@
 // The entry: options, bad queries, cancellation.
 
 #include <gtest/gtest.h>
+#include <malloc.h>
 
 #include <chrono>
 #include <limits>
@@ -108,10 +109,65 @@ TEST(Cancellation, StopsEveryStage) {
   EXPECT_LT(stopped_after(testing::mesh_of(testing::sphere(60, 0.5)), few, Stage::kSmoothing), 1.0);
 }
 
-TEST(Memory, EstimateBoundsTheObvious) {
-  const auto options = *resolve({}, true);
-  EXPECT_GT(estimate_memory_bytes(3, 100, 1'000'000, 4'000'000, options), 1'000'000u * 24u);
-  EXPECT_LT(estimate_memory_bytes(3, 100, 40'000, 240'000, options), uint64_t{1} << 30);
+// Memory of this process that is in use, without what malloc keeps for later.
+uint64_t bytes_in_use() {
+  const auto info = mallinfo2();
+  return info.uordblks + info.hblkhd;
+}
+
+// The most that a binding holds between two pieces of work, against the estimate that admits it.
+void expect_estimate_holds(const testing::Shape& cage, const QueryInput& queries, const Options& options) {
+#if defined(__SANITIZE_ADDRESS__)
+  GTEST_SKIP() << "the sanitizer's allocator does not say what is in use";
+#endif
+  const auto index = testing::make_index(cage);
+  const auto resolved = *resolve(options, !queries.face_offsets.empty());
+  const BindingSize size{.dimension = 3,
+                         .control_vertices = index->control_vertex_count(),
+                         .stencil_max = index->stencil_max(),
+                         .points = queries.points.size() / 3,
+                         .face_corners = queries.face_corners.size(),
+                         .threads = 2};
+  const uint64_t before = bytes_in_use();
+  auto binding = Binding::create(index, queries, {.options = resolved});
+  ASSERT_TRUE(binding.ok());
+  uint64_t peak = 0;
+  for (Binding::Step step = Binding::Step::kWorking; step != Binding::Step::kDone;) {
+    step = (*binding)->advance(kNeverCancelled);
+    if (step == Binding::Step::kBlock) (*binding)->take_block();
+    peak = std::max(peak, bytes_in_use() - before);
+  }
+  EXPECT_LE(peak, estimate_memory_bytes(size, resolved));
+  EXPECT_GE(20 * peak, estimate_memory_bytes(size, resolved)) << "an estimate this far off refuses what would fit";
+}
+
+TEST(Memory, EstimateHoldsForLoosePoints) {
+  Options options;
+  options.samples = 1;
+  expect_estimate_holds(testing::box(), testing::loose_points(testing::random_points(200000, 3, -0.9, 0.9, 1)),
+                        options);
+}
+
+TEST(Memory, EstimateHoldsWithDenoising) {
+  Options options;
+  options.samples = 20;
+  options.gradients = true;
+  expect_estimate_holds(testing::sphere(8, 1.0), testing::mesh_of(testing::sphere(60, 0.8)), options);
+}
+
+TEST(Memory, EstimateHoldsForLargePolygons) {
+  // A drum: two polygons of 300 corners.
+  testing::Shape drum;
+  drum.polygon_offsets = {0, 300, 600};
+  for (uint32_t i = 0; i < 600; ++i) {
+    const double angle = 2 * std::numbers::pi * i / 300;
+    drum.vertices.insert(drum.vertices.end(), {std::cos(angle), std::sin(angle), i < 300 ? 0.0 : 1.0});
+    drum.polygon_corners.push_back(i);
+    if (i < 300) drum.quads.insert(drum.quads.end(), {i, (i + 1) % 300, 300 + (i + 1) % 300, 300 + i});
+  }
+  Options options;
+  options.samples = 5;
+  expect_estimate_holds(drum, testing::mesh_of(testing::sphere(30, 0.3)), options);
 }
 
 }  // namespace

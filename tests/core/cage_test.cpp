@@ -71,6 +71,21 @@ TEST(Cage, RefusesVerticesThatDoNotSpanSpace) {
   EXPECT_EQ(error_of(flat), "");
 }
 
+// Corners that differ in the caller's frame and coincide in the cage's: a point, not an element.
+TEST(Cage, JudgesDegeneracyInItsOwnFrame) {
+  const Shape plane{.dimension = 2, .vertices = {0, 0, 1e-30, 0, 1, 0, 0, 1}, .segments = {0, 1, 1, 2, 2, 3, 3, 0}};
+  const auto cage = Cage<2>::create(plane.input());
+  ASSERT_TRUE(cage.ok()) << cage.error().text();
+  EXPECT_EQ(cage->elements().size(), 3u);
+  EXPECT_EQ(cage->warnings().size(), 1u);
+  const Shape specks{
+      .vertices = {0, 0, 0, 1e-30, 0, 0, 0, 1e-30, 0, 1, 1, 1, 1, 1, 1 + 1e-15, 1 + 1e-15, 1, 1, 1, 0, 0, 0, 1, 0},
+      .triangles = {0, 1, 2, 3, 4, 5, 0, 1, 6, 0, 2, 7}};
+  EXPECT_EQ(error_of(specks), "cage.triangles[0]: every element of the cage is degenerate (no area)");
+  // A small cage is not a degenerate one.
+  EXPECT_EQ(error_of(testing::box().mapped([](const Eigen::VectorXd& x) { return Eigen::VectorXd(x * 1e-90); })), "");
+}
+
 TEST(Cage, ReportsWhatItIgnores) {
   Shape shape = testing::tetrahedron();
   shape.vertices.insert(shape.vertices.end(), {100, 100, 100});

@@ -121,6 +121,16 @@ TEST(Distance, MatchesBruteForceOnUglyElements) {
                                1000, 1.0);
 }
 
+TEST(Distance, RefusesMoreTwistedQuadsThanItCanHold) {
+  Shape twisted{.vertices = {0, 0, 0, 1, 0, 1, 1, 1, 0, 0, 1, 1}};
+  for (int i = 0; i < 5000; ++i) twisted.quads.insert(twisted.quads.end(), {0, 1, 2, 3});
+  const auto cage = Cage<3>::create(twisted.input());
+  ASSERT_TRUE(cage.ok());
+  const auto index = make_embree_distance_index<3>(*cage);
+  ASSERT_FALSE(index.ok());
+  EXPECT_EQ(index.error().code, ErrorCode::kResourceExhausted);
+}
+
 TEST(Distance, TiesGoToTheLowestElement) {
   Shape twice = testing::box();
   twice.quads.insert(twice.quads.end(), twice.quads.begin(), twice.quads.begin() + 24);

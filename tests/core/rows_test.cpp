@@ -157,6 +157,12 @@ TEST(LinearPrecision, SurvivesAnOffsetOf1e5AndAFlatCage) {
     return x;
   }),
                     "flat");
+  // As flat as is accepted.
+  expect_promise<3>(testing::box().mapped([](Eigen::VectorXd x) {
+    x[2] *= 3.1e-4;
+    return x;
+  }),
+                    "flattest");
 }
 
 TEST(OnTheCage, RowsAreTheBasis) {
@@ -185,6 +191,19 @@ TEST(OnTheCage, RowsAreTheBasis) {
       for (size_t v = 0; v < row.size(); ++v) EXPECT_NEAR(row[v], expected[i][v], 1e-12);
     }
   }
+}
+
+// The border of a hole that runs the way of the outline: what is between the two is still inside.
+TEST(OnTheCage, FramesComeFromTheInsideOfAHole) {
+  Shape frame = testing::square();
+  frame.vertices.insert(frame.vertices.end(), {-0.5, -0.5, 0.5, -0.5, 0.5, 0.5, -0.5, 0.5});
+  frame.segments.insert(frame.segments.end(), {4, 5, 5, 6, 6, 7, 7, 4});
+  const RowBlock rows =
+      testing::bind_or_die(testing::make_index(frame), testing::loose_points({0.1, 0.5}), with(Preset::kDefault, 50));
+  double outline = 0.0;  // gradients of the outer square's vertices
+  for (uint32_t e = 0; e < rows.offsets[1]; ++e)
+    if (rows.indices[e] < 4) outline += std::abs(rows.gradients[2 * e + 1]);
+  EXPECT_GT(outline, 0.1);
 }
 
 TEST(Rows, SayWhatTheyAre) {

@@ -161,6 +161,47 @@ TEST(Smoothing, AcceptsAMeshWithoutArea) {
   EXPECT_EQ(summary.warnings.size(), 2u);
 }
 
+// Faces that connect points at random, as a file with another file's indices: the factor would be dense.
+TEST(Smoothing, LeavesOutWhatIsNoSurface) {
+  const auto index = testing::make_index(testing::box());
+  constexpr uint32_t kPoints = 12000;
+  QueryInput mesh = testing::loose_points(testing::random_points(kPoints, 3, -0.9, 0.9, 1));
+  std::mt19937 generator(1);
+  mesh.face_offsets = {0};
+  for (uint32_t i = 0; i < 2 * kPoints; ++i) {
+    for (int k = 0; k < 3; ++k) mesh.face_corners.push_back(static_cast<uint32_t>(generator() % kPoints));
+    mesh.face_offsets.push_back(static_cast<uint32_t>(mesh.face_corners.size()));
+  }
+  Options options;
+  options.samples = 1;
+  BindingSummary summary;
+  const RowBlock rows = testing::bind_or_die(index, mesh, options, &summary);
+  EXPECT_EQ(rows.row_count(), kPoints);
+  const auto left_out = [](const Warning& w) { return w.message.find("no surface-like way") != std::string::npos; };
+  EXPECT_TRUE(std::any_of(summary.warnings.begin(), summary.warnings.end(), left_out));
+}
+
+// A triangle far smaller than the kernel's reach must not spoil the others' denoising.
+TEST(Smoothing, IsNotSpoiltByATinyComponent) {
+  const auto index = testing::make_index(testing::box());
+  QueryInput mesh = testing::mesh_of(testing::sphere(16, 0.7));
+  const RowBlock alone = testing::bind_or_die(index, mesh, {});
+  const auto first = static_cast<uint32_t>(mesh.points.size() / 3);
+  mesh.points.insert(mesh.points.end(), {0.1, 0.1, 0.1, 0.1 + 1e-10, 0.1, 0.1, 0.1, 0.1 + 1e-10, 0.1});
+  mesh.face_corners.insert(mesh.face_corners.end(), {first, first + 1, first + 2});
+  mesh.face_offsets.push_back(static_cast<uint32_t>(mesh.face_corners.size()));
+  BindingSummary summary;
+  Options options;
+  options.smoothing_time =
+      mean_squared_edge(to_mesh(testing::mesh_of(testing::sphere(16, 0.7)))) / 12 * (5 - std::log10(50));
+  const RowBlock both = testing::bind_or_die(index, mesh, options, &summary);
+  EXPECT_TRUE(summary.warnings.empty());
+  for (size_t i = 0; i < first; ++i) {
+    const auto a = testing::dense_row(alone, i, 8), b = testing::dense_row(both, i, 8);
+    for (size_t v = 0; v < 8; ++v) EXPECT_NEAR(a[v], b[v], 1e-9);
+  }
+}
+
 TEST(Smoothing, AcceptsTheTimeOfAnEarlierAnswer) {
   const auto index = testing::make_index(testing::box());
   const QueryInput mesh = testing::mesh_of(testing::sphere(10, 0.6));
