@@ -89,7 +89,11 @@ void check_against_brute_force(const Shape& shape, size_t count, double reach) {
 }
 
 TEST(Distance, MatchesBruteForceOnTriangles) {
-  check_against_brute_force<3>(testing::sphere(12, 1.0), 2000, 1.0);
+  Shape shape = testing::sphere(12, 1.0);
+  for (size_t q = 0; q < shape.quads.size(); q += 4)
+    for (const size_t k : {0u, 1u, 2u, 0u, 2u, 3u}) shape.triangles.push_back(shape.quads[q + k]);
+  shape.quads.clear();
+  check_against_brute_force<3>(shape, 2000, 1.0);
 }
 TEST(Distance, MatchesBruteForceOnPlanarQuads) {
   check_against_brute_force<3>(testing::box(), 400, 1.0);
