@@ -26,7 +26,7 @@ ElementPoint<D> closest_on_segment(const Vec<D>& x, const Vec<D>& a, const Vec<D
 ElementPoint<3> closest_on_triangle(const Vec<3>& x, const Vec<3>& a, const Vec<3>& b, const Vec<3>& c);
 
 // Distance to two triangles at once (a quad cut along a diagonal; or one triangle, twice), for sampling
-// decisions alone: floats, one lane per edge, a tenth of the time of two closest points.
+// decisions alone: floats, one lane per edge.
 class TrianglePairDistance {
  public:
   TrianglePairDistance() = default;

@@ -18,7 +18,7 @@ constexpr double kDeviationOfSize = 0.05;
 // ... and within this absolute deviation, so that walks need the exact patch for their last steps only.
 constexpr double kDeviationMax = 2e-3;
 constexpr int kCutsMax = 4;  // 16 x 16 windows
-// About half a gigabyte of facets; a cage of a million triangles fits.
+// Bounds the memory of an index; a cage of a million triangles fits.
 constexpr size_t kFacetsMax = size_t{1} << 20;
 
 // An element, or a window of a quad: what Embree sees.
@@ -204,7 +204,7 @@ class EmbreeDistance final : public DistanceIndex<D> {
     return closest_on_segment<D>(x, facet.corner[0], facet.corner[1]);
   }
 
-  // At most the distance to the facet; at least half of it, but for a millionth of the facet's size.
+  // At most the distance to the facet; at least half of it, but for some millionths of the facet's size.
   double lower_bound(const Facet<D>& facet, const Vec<D>& x) const {
     if constexpr (D == 3) {
       const double by_triangles = facet.triangles.lower_bound(x);

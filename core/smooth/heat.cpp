@@ -8,8 +8,8 @@ namespace {
 
 constexpr size_t kCheckEvery = 2048;  // rows between two looks at `cancel`, well below a millisecond
 
-// Multiplications of a factorization that cannot be interrupted: some seconds. A surface of a million
-// points needs about 2e10; a few thousand points that faces connect at random already exceed it.
+// Multiplications of a factorization that cannot be interrupted: some seconds. Twelve
+// thousand points that faces connect at random exceed it; no surface of the tests comes near.
 constexpr double kFactorOperationsMax = 5e10;
 // A component of the mesh with less area than this times the smoothing time is far smaller than the
 // kernel's reach; its matrix is singular to rounding. Its nodes keep their rows.
