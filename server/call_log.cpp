@@ -1,5 +1,6 @@
 #include "call_log.h"
 
+#include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
 namespace barycast::server {
@@ -40,6 +41,15 @@ Refusal draining_refusal() {
 
 Refusal cancelled_refusal() {
   return {.error = {ErrorCode::kCancelled, "", "cancelled by the client, or past its deadline"},
+          .missing_digest = {},
+          .retry_after_ms = {}};
+}
+
+Refusal silent_refusal(std::chrono::milliseconds limit) {
+  return {.error = {ErrorCode::kCancelled, "",
+                    fmt::format("nothing arrived for {} ms, so the call gave up its place; send the request without "
+                                "pauses, and end it",
+                                limit.count())},
           .missing_digest = {},
           .retry_after_ms = {}};
 }

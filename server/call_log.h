@@ -7,7 +7,6 @@
 
 #include <atomic>
 #include <chrono>
-#include <new>
 #include <string>
 
 #include "service_state.h"
@@ -43,21 +42,10 @@ class CallLog {
   std::string description_;
 };
 
-// What a call answers while the server drains, and what a cancelled one ends with.
+// What a call answers while the server drains, what a cancelled one ends with, and what one whose client
+// has sent nothing for too long.
 Refusal draining_refusal();
 Refusal cancelled_refusal();
-
-// Runs `work` and turns running out of memory, or any other exception, into a refusal: nothing may
-// escape into the arena, which would end the process.
-template <class Work, class OnError>
-void guarded(const Work& work, const OnError& on_error) {
-  try {
-    work();
-  } catch (const std::bad_alloc&) {
-    on_error(Refusal{{ErrorCode::kResourceExhausted, "", "out of memory; cut the request into several"}, {}, {}});
-  } catch (const std::exception& e) {
-    on_error(Refusal{{ErrorCode::kInternal, "", e.what()}, {}, {}});
-  }
-}
+Refusal silent_refusal(std::chrono::milliseconds limit);
 
 }  // namespace barycast::server

@@ -5,6 +5,7 @@
 
 #include "call_log.h"
 #include "compute_job.h"
+#include "read_timeout.h"
 
 namespace barycast::server {
 namespace {
@@ -31,11 +32,12 @@ class ComputeCall final : public grpc::ServerBidiReactor<Request, Response> {
     if (state.draining) {
       conclude(draining_refusal());
     } else {
-      StartRead(&request_);
+      read();
     }
   }
 
   void OnReadDone(bool ok) override {
+    if (!timeout_.stop()) return;
     state_.arena.post([this, ok] { ok ? receive() : end_of_input(); });
   }
 
@@ -53,34 +55,36 @@ class ComputeCall final : public grpc::ServerBidiReactor<Request, Response> {
   void OnDone() override { delete this; }
 
  private:
+  void read() {
+    const auto limit = state_.limits.receive_idle_max;
+    // The read that is still under way ends with the call.
+    timeout_.start(limit, [this, limit] { conclude(silent_refusal(limit)); });
+    StartRead(&request_);
+  }
+
   // Receiving, on the arena.
 
   void receive() {
     if (log_.cancelled()) return conclude(cancelled_refusal());
-    guarded(
-        [this] {
-          job_.receive(request_, [this](std::optional<Refusal> refusal) {
-            if (refusal) return conclude(*refusal);
-            request_ = {};  // Clear() would keep its memory
-            StartRead(&request_);
-          });
-        },
-        [this](const Refusal& refusal) { conclude(refusal); });
+    job_.receive(request_, [this](std::optional<Refusal> refusal) {
+      if (refusal) return conclude(*refusal);
+      request_ = {};  // Clear() would keep its memory
+      read();
+    });
   }
 
   void end_of_input() {
     // A broken stream and a half-close both end the input; only the latter is followed by work.
     if (log_.cancelled()) return conclude(cancelled_refusal());
     request_ = {};
-    guarded(
-        [this] {
-          std::variant<Response, Refusal> header = job_.end_of_input(log_.cancel_flag());
-          if (const Refusal* refusal = std::get_if<Refusal>(&header)) return conclude(*refusal);
-          std::unique_lock lock(mutex_);
-          outgoing_.push_back(std::move(std::get<Response>(header)));
-          pump(std::move(lock));
-        },
-        [this](const Refusal& refusal) { conclude(refusal); });
+    const std::optional<Refusal> refusal = guarded([this]() -> std::optional<Refusal> {
+      std::variant<Response, Refusal> header = job_.end_of_input(log_.cancel_flag());
+      if (Refusal* refused = std::get_if<Refusal>(&header)) return std::move(*refused);
+      outgoing_.push_back(std::move(std::get<Response>(header)));
+      return std::nullopt;
+    });
+    if (refusal) return conclude(*refusal);
+    pump(std::unique_lock(mutex_));
   }
 
   void conclude(const Refusal& refusal) { send(to_status(refusal)); }
@@ -94,8 +98,11 @@ class ComputeCall final : public grpc::ServerBidiReactor<Request, Response> {
       report = !writing_;
     }
     ComputeJob::Step step;
-    guarded([&] { step = job_.step(log_.cancel_flag(), report); },
-            [&step](const Refusal& refusal) { step.refusal = refusal; });
+    const std::optional<Refusal> failure = guarded([&]() -> std::optional<Refusal> {
+      step = job_.step(log_.cancel_flag(), report);
+      return std::nullopt;
+    });
+    if (failure) step.refusal = failure;
     std::unique_lock lock(mutex_);
     stepping_ = false;
     if (step.message) outgoing_.push_back(std::move(*step.message));
@@ -135,6 +142,7 @@ class ComputeCall final : public grpc::ServerBidiReactor<Request, Response> {
   CallLog log_;
   ComputeJob job_;
   Request request_;
+  ReadTimeout timeout_;
 
   std::mutex mutex_;
   std::deque<Response> outgoing_;  // the first is being written while writing_

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <utility>
 
 #include "cage_request.h"
 #include "encode.h"
@@ -35,49 +36,52 @@ ComputeJob::ComputeJob(ServiceState& state, std::string metadata_digest)
     : state_(state), metadata_digest_(std::move(metadata_digest)) {}
 
 void ComputeJob::receive(const v1::ComputeCoordinatesRequest& message, Then then) {
+  if (message.has_header() && !plan_) return start(message.header(), std::move(then));
+  then(guarded([&] { return collect(message); }));
+}
+
+std::optional<Refusal> ComputeJob::collect(const v1::ComputeCoordinatesRequest& message) {
   using Message = v1::ComputeCoordinatesRequest;
-  if (message.message_case() == Message::kHeader) {
-    if (plan_) return then(refuse(invalid_argument("header", "a second one; send one header, first")));
-    return start(message.header(), std::move(then));
-  }
-  if (message.message_case() == Message::MESSAGE_NOT_SET) {
-    return then(refuse(invalid_argument("message", "neither header, points nor faces; set one of them")));
-  }
-  if (!plan_) return then(refuse(invalid_argument("header", "missing; the first message must be the header")));
+  if (message.has_header()) return refuse(invalid_argument("header", "a second one; send one header, first"));
+  if (message.message_case() == Message::MESSAGE_NOT_SET)
+    return refuse(invalid_argument("message", "neither header, points nor faces; set one of them"));
+  if (!plan_) return refuse(invalid_argument("header", "missing; the first message must be the header"));
   const Status added =
       message.message_case() == Message::kPoints ? assembler_->add(message.points()) : assembler_->add(message.faces());
-  then(added.ok() ? std::nullopt : std::optional(refuse(added.error())));
+  return added.ok() ? std::nullopt : std::optional(refuse(added.error()));
 }
 
 void ComputeJob::start(const v1::ComputeHeader& header, Then then) {
   cage_start_ = Clock::now();
-  Result<ComputePlan> plan = decode_header(header, state_.limits);
-  if (!plan) return then(refuse(plan.error()));
-  plan_ = std::move(*plan);
+  std::optional<CageStorage> cage;
+  CageDigest digest;
+  if (std::optional<Refusal> refusal = guarded([&] { return open(header, cage, digest); }))
+    return then(std::move(refusal));
   // What follows `then` must not touch this job: the answer may already be on its way, and the job gone.
   const auto waiter = [this, then](Result<CageCache::Index> index, CageCache::Found found) {
-    then(use_index(std::move(index), found == CageCache::Found::kHit));
+    then(guarded([&] { return use_index(std::move(index), found == CageCache::Found::kHit); }));
   };
-  if (!plan_->cage) {
-    const CageDigest named = *plan_->digest;
-    digest_text_ = hexadecimal(named);
-    if (std::optional<Refusal> refusal = check_metadata(named)) return then(std::move(refusal));
-    if (state_.cages.find(named, waiter) == CageCache::Found::kMissing) then(missing_cage(named));
-    return;
+  if (cage) {
+    get_index(state_.cages, digest, std::move(*cage), waiter);
+  } else if (state_.cages.find(digest, waiter) == CageCache::Found::kMissing) {
+    then(missing_cage(digest));
   }
-  CageStorage storage = std::move(*plan_->cage);
-  plan_->cage.reset();
-  const CageDigest digest = barycast::digest(storage.input());
+}
+
+std::optional<Refusal> ComputeJob::open(const v1::ComputeHeader& header, std::optional<CageStorage>& cage,
+                                        CageDigest& digest) {
+  Result<ComputePlan> plan = decode_header(header, state_.limits);
+  if (!plan) return refuse(plan.error());
+  plan_ = std::move(*plan);
+  cage = std::exchange(plan_->cage, std::nullopt);
+  digest = cage ? barycast::digest(cage->input()) : *plan_->digest;
   digest_text_ = hexadecimal(digest);
-  if (Status same = check_digest(digest, plan_->digest, "header.expected_digest"); !same)
-    return then(refuse(same.error()));
-  if (std::optional<Refusal> refusal = check_metadata(digest)) return then(std::move(refusal));
-  if (std::optional<Refusal> refusal = admit({.dimension = storage.dimension,
-                                              .control_vertices = storage.control_vertex_count(),
-                                              .stencil_max = storage.stencil_max()})) {
-    return then(std::move(refusal));
-  }
-  get_index(state_.cages, digest, std::move(storage), waiter);
+  if (Status same = check_digest(digest, plan_->digest, "header.expected_digest"); !same) return refuse(same.error());
+  if (std::optional<Refusal> refusal = check_metadata(digest)) return refusal;
+  if (!cage) return std::nullopt;
+  return admit({.dimension = cage->dimension,
+                .control_vertices = cage->control_vertex_count(),
+                .stencil_max = cage->stencil_max()});
 }
 
 std::optional<Refusal> ComputeJob::check_metadata(const CageDigest& digest) const {

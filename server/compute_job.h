@@ -52,6 +52,9 @@ class ComputeJob {
  private:
   using Then = std::function<void(std::optional<Refusal>)>;
   void start(const v1::ComputeHeader& header, Then then);
+  // Understands the header. `cage`: the one it brings, if it does. `digest`: of the cage, brought or named.
+  std::optional<Refusal> open(const v1::ComputeHeader& header, std::optional<CageStorage>& cage, CageDigest& digest);
+  std::optional<Refusal> collect(const v1::ComputeCoordinatesRequest& message);
   std::optional<Refusal> check_metadata(const CageDigest& digest) const;
   std::optional<Refusal> use_index(Result<CageCache::Index> index, bool cache_hit);
   std::optional<Refusal> admit(BindingSize size);  // the rest of it is filled in

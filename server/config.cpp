@@ -15,6 +15,8 @@ ParsedConfig parse_config(int argc, char** argv) {
   limits.request_bytes_max = daemon.admission.bytes_max;
   daemon.cache_bytes_max = std::min<uint64_t>(daemon.cache_bytes_max, usable_memory_bytes() / 8);
 
+  auto receive_idle_ms = static_cast<uint32_t>(limits.receive_idle_max.count());
+
   CLI::App app("barycastd: computes generalized barycentric coordinates, over gRPC");
   app.set_version_flag("--version", "barycastd " BARYCAST_VERSION);
   app.option_defaults()->always_capture_default();
@@ -25,7 +27,7 @@ ParsedConfig parse_config(int argc, char** argv) {
       ->check(CLI::Range(0, 1024));
   app.add_option("--drain-seconds", config.drain_s, "How long running calls may go on after SIGTERM");
   app.add_option("--log-level", config.log_level, "Of the log on stderr")
-      ->check(CLI::IsMember({"trace", "debug", "info", "warning", "error", "critical", "off"}));
+      ->check(CLI::IsMember({"trace", "debug", "info", "warn", "warning", "error", "critical", "off"}));
   app.add_flag("--exit-on-stdin-close", config.exit_on_stdin_close, "Stop when standard input is closed");
   app.add_option("--probe", config.probe, "Ask the server at this address for its health; exit code 0: it serves");
 
@@ -47,6 +49,12 @@ ParsedConfig parse_config(int argc, char** argv) {
       ->transform(as_bytes)
       ->check(CLI::Range(uint64_t{1024}, uint64_t{1} << 30))
       ->group("Limits");
+  app.add_option("--transport-bytes-max", limits.transport_bytes_max, "Messages on their way, of all calls")
+      ->transform(as_bytes)
+      ->group("Limits");
+  app.add_option("--receive-idle-ms", receive_idle_ms, "Longest silence of a client that is still sending")
+      ->check(CLI::Range(uint32_t{100}, uint32_t{86'400'000}))
+      ->group("Limits");
   app.add_option("--points-max", limits.points_max, "Query points of one request")->group("Limits");
   app.add_option("--faces-max", limits.faces_max, "Faces of one request")->group("Limits");
   app.add_option("--samples-max", limits.samples_max, "Samples per query point")
@@ -62,6 +70,7 @@ ParsedConfig parse_config(int argc, char** argv) {
   } catch (const CLI::ParseError& e) {
     return {std::nullopt, app.exit(e)};
   }
+  limits.receive_idle_max = std::chrono::milliseconds(receive_idle_ms);
   return {config, 0};
 }
 

@@ -17,6 +17,9 @@ namespace {
 
 constexpr const char* kServiceName = "barycast.v1.BarycastService";
 
+// Many more than may work at once; beyond it a connection's calls wait at the client.
+constexpr int kStreamsPerConnection = 1024;
+
 bool is_unix(const std::string& address) {
   return address.starts_with("unix:");
 }
@@ -42,6 +45,9 @@ class GrpcDaemon final : public Daemon {
     builder.SetMaxReceiveMessageSize(static_cast<int>(state_.limits.message_bytes_max));
     // Two servers on one port would share its calls at random.
     builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
+    // Bytes on their way in and out of all connections, beside what admission counts.
+    builder.SetResourceQuota(grpc::ResourceQuota("barycastd").Resize(state_.limits.transport_bytes_max));
+    builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, kStreamsPerConnection);
     // A peer that vanished without a word must not hold a place for ever.
     builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIME_MS, 60'000);
     builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 20'000);

@@ -4,6 +4,8 @@
 // grpc::Status; everything else in the server passes it on unread.
 
 #include <cstdint>
+#include <exception>
+#include <new>
 #include <optional>
 #include <string>
 
@@ -17,5 +19,18 @@ struct Refusal {
   std::optional<uint32_t> retry_after_ms;     // waiting helps
   bool draining = false;                      // another replica helps
 };
+
+// Runs `work` and turns running out of memory, or any other exception, into a refusal: nothing may
+// escape into the arena or into gRPC's threads, which would end the process.
+template <class Work>
+std::optional<Refusal> guarded(const Work& work) {
+  try {
+    return work();
+  } catch (const std::bad_alloc&) {
+    return Refusal{{ErrorCode::kResourceExhausted, "", "out of memory; cut the request into several"}, {}, {}};
+  } catch (const std::exception& e) {
+    return Refusal{{ErrorCode::kInternal, "", e.what()}, {}, {}};
+  }
+}
 
 }  // namespace barycast::server

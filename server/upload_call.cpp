@@ -5,6 +5,7 @@
 #include "cage_request.h"
 #include "call_log.h"
 #include "encode.h"
+#include "read_timeout.h"
 
 namespace barycast::server {
 namespace {
@@ -19,32 +20,15 @@ class UploadCall final : public grpc::ServerReadReactor<v1::UploadCageRequest> {
     if (std::optional<Refusal> refusal = admit()) {
       conclude(*refusal);
     } else {
-      StartRead(&request_);
+      read();
     }
   }
 
   void OnReadDone(bool ok) override {
-    if (!ok)
-      return state_.arena.post([this] { guarded([this] { build(); }, [this](const Refusal& r) { conclude(r); }); });
-    if (request_.has_expected_digest()) {
-      if (!first_) {
-        return conclude(
-            {invalid_argument("expected_digest", "in a later message; send it with the first piece"), {}, {}});
-      }
-      Result<CageDigest> expected = decode_digest(request_.expected_digest(), "expected_digest");
-      if (!expected) return conclude({expected.error(), {}, {}});
-      expected_ = *expected;
-    }
-    first_ = false;
-    if (bytes_.size() + request_.piece().size() > state_.limits.cage_bytes_max + kSerializedExtraBytes) {
-      return conclude(
-          {{ErrorCode::kResourceExhausted, "cage",
-            fmt::format("more than this server's limit of {} bytes; use a coarser cage", state_.limits.cage_bytes_max)},
-           {},
-           {}});
-    }
-    bytes_ += request_.piece();
-    StartRead(&request_);
+    if (!timeout_.stop()) return;
+    if (!ok) return state_.arena.post([this] { build(); });
+    if (const std::optional<Refusal> refusal = guarded([this] { return collect(); })) return conclude(*refusal);
+    read();
   }
 
   void OnCancel() override { log_.mark_cancelled(); }
@@ -60,17 +44,40 @@ class UploadCall final : public grpc::ServerReadReactor<v1::UploadCageRequest> {
     return std::nullopt;
   }
 
+  void read() {
+    const auto limit = state_.limits.receive_idle_max;
+    // The read that is still under way ends with the call.
+    timeout_.start(limit, [this, limit] { conclude(silent_refusal(limit)); });
+    StartRead(&request_);
+  }
+
+  std::optional<Refusal> collect() {
+    if (request_.has_expected_digest()) {
+      if (!first_)
+        return Refusal{invalid_argument("expected_digest", "in a later message; send it with the first piece"), {}, {}};
+      Result<CageDigest> expected = decode_digest(request_.expected_digest(), "expected_digest");
+      if (!expected) return Refusal{expected.error(), {}, {}};
+      expected_ = *expected;
+    }
+    first_ = false;
+    if (bytes_.size() + request_.piece().size() > state_.limits.cage_bytes_max + kSerializedExtraBytes) {
+      return Refusal{
+          {ErrorCode::kResourceExhausted, "cage",
+           fmt::format("more than this server's limit of {} bytes; use a coarser cage", state_.limits.cage_bytes_max)},
+          {},
+          {}};
+    }
+    bytes_ += request_.piece();
+    return std::nullopt;
+  }
+
   // On the arena.
   void build() {
     if (log_.cancelled()) return conclude(cancelled_refusal());
-    Result<CageStorage> cage = decode_cage_bytes(bytes_, state_.limits);
-    bytes_ = {};
-    if (!cage) return conclude({cage.error(), {}, {}});
-    const CageDigest digest = barycast::digest(cage->input());
-    description_ = "cage=" + hexadecimal(digest);
-    if (Status same = check_digest(digest, expected_, "expected_digest"); !same)
-      return conclude({same.error(), {}, {}});
-    get_index(state_.cages, digest, std::move(*cage), [this](Result<CageCache::Index> index, CageCache::Found) {
+    CageStorage cage;
+    CageDigest digest;
+    if (const std::optional<Refusal> refusal = guarded([&] { return open(cage, digest); })) return conclude(*refusal);
+    get_index(state_.cages, digest, std::move(cage), [this](Result<CageCache::Index> index, CageCache::Found) {
       if (!index) return conclude({index.error(), {}, {}});
       if (!state_.cages.contains((*index)->digest())) {
         return conclude({{ErrorCode::kResourceExhausted, "cage",
@@ -84,6 +91,17 @@ class UploadCall final : public grpc::ServerReadReactor<v1::UploadCageRequest> {
       for (const Warning& warning : (*index)->warnings()) *response_.add_warnings() = encode_warning(warning);
       send(grpc::Status::OK);
     });
+  }
+
+  std::optional<Refusal> open(CageStorage& cage, CageDigest& digest) {
+    Result<CageStorage> decoded = decode_cage_bytes(bytes_, state_.limits);
+    bytes_ = {};
+    if (!decoded) return Refusal{decoded.error(), {}, {}};
+    cage = std::move(*decoded);
+    digest = barycast::digest(cage.input());
+    description_ = "cage=" + hexadecimal(digest);
+    if (Status same = check_digest(digest, expected_, "expected_digest"); !same) return Refusal{same.error(), {}, {}};
+    return std::nullopt;
   }
 
   void conclude(const Refusal& refusal) { send(to_status(refusal)); }
@@ -100,6 +118,7 @@ class UploadCall final : public grpc::ServerReadReactor<v1::UploadCageRequest> {
   v1::UploadCageResponse& response_;
   std::unique_ptr<Admission::Ticket> ticket_;
   v1::UploadCageRequest request_;
+  ReadTimeout timeout_;
   bool first_ = true;
   std::optional<CageDigest> expected_;
   std::string bytes_;

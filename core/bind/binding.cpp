@@ -64,7 +64,7 @@ template <int D>
 class BindingOf final : public Binding {
  public:
   BindingOf(std::shared_ptr<const CageIndex> index, const CageStructures<D>& structures, QuerySet<D> queries,
-            const BindingSettings& settings)
+            const BindingSettings& settings, double smoothing_time)
       : index_(std::move(index)),
         cage_(structures.cage),
         queries_(std::move(queries)),
@@ -81,8 +81,7 @@ class BindingOf final : public Binding {
     summary_.warnings.assign(cage_.warnings().begin(), cage_.warnings().end());
     summary_.warnings.insert(summary_.warnings.end(), queries_.warnings.begin(), queries_.warnings.end());
     if (smoothed()) {
-      summary_.smoothing_time = settings.options.smoothing_time.value_or(mean_squared_edge(queries_.mesh) *
-                                                                         smoothing_scale(settings.options.samples));
+      summary_.smoothing_time = smoothing_time;
       estimates_.resize(queries_.nodes.size());
       progress_ = {Stage::kSampling, 0, queries_.nodes.size()};
     } else {
@@ -95,7 +94,7 @@ class BindingOf final : public Binding {
   Step advance(const std::atomic<bool>& cancel) override {
     if (cancel) return Step::kCancelled;
     if (smoothed() && nodes_sampled_ < queries_.nodes.size()) return sample_nodes(cancel);
-    if (smoothed() && !smoother_) return factor();
+    if (smoothed() && !smoother_) return factor(cancel);
     if (smoothed() && smoother_->groups_done() < smoother_->group_count()) return smooth(cancel);
     return make_rows(cancel);
   }
@@ -143,13 +142,15 @@ class BindingOf final : public Binding {
     return Step::kWorking;
   }
 
-  Step factor() {
+  Step factor(const std::atomic<bool>& cancel) {
     const StageTimer timer(summary_.smoothing_factor_s);
     if (summary_.smoothing_time > kSmoothingTimeLarge)
       summary_.warnings.push_back({"smoothing_time",
                                    "denoising averages over a tenth of the cage and more, for the mesh has "
                                    "very long edges; leave them out, or set a smaller time"});
-    const MeshLaplacian laplacian = polygon_laplacian(queries_.mesh);
+    const std::optional<MeshLaplacian> assembled = polygon_laplacian(queries_.mesh, cancel);
+    if (!assembled) return Step::kCancelled;
+    const MeshLaplacian& laplacian = *assembled;
     if (laplacian.faces_skipped > 0)
       summary_.warnings.push_back(
           {"faces", std::to_string(laplacian.faces_skipped) +
@@ -279,8 +280,14 @@ Result<std::unique_ptr<Binding>> create_of(std::shared_ptr<const CageIndex> inde
   if (settings.first_row >= queries->points.size())
     return invalid_argument("resume.first_row",
                             "must be below the number of query points, " + std::to_string(queries->points.size()));
-  return std::unique_ptr<Binding>(
-      std::make_unique<BindingOf<D>>(std::move(index), structures, std::move(queries).value(), settings));
+  double smoothing_time = settings.options.smoothing_time.value_or(0.0);
+  if (settings.options.denoise == Denoise::kMesh && !settings.options.smoothing_time) {
+    const std::optional<double> squared_edge = mean_squared_edge(queries->mesh, cancel);
+    if (!squared_edge) return Error{ErrorCode::kCancelled, "", "the request was cancelled"};
+    smoothing_time = *squared_edge * smoothing_scale(settings.options.samples);
+  }
+  return std::unique_ptr<Binding>(std::make_unique<BindingOf<D>>(std::move(index), structures,
+                                                                 std::move(queries).value(), settings, smoothing_time));
 }
 
 }  // namespace

@@ -10,17 +10,28 @@
 namespace barycast {
 namespace {
 
+Error cancelled() {
+  return {ErrorCode::kCancelled, "", "the request was cancelled"};
+}
+
+// A look at `cancel` every few thousand items, well below a millisecond of work.
+bool is_cancelled(size_t i, const std::atomic<bool>& cancel) {
+  return i % 4096 == 0 && cancel.load(std::memory_order_relaxed);
+}
+
 std::string item(const char* list, size_t index) {
   return std::string(list) + "[" + std::to_string(index) + "]";
 }
 
 template <int D>
-Result<std::vector<Vec<D>>> read_points(std::span<const double> coordinates, const Frame<D>& frame) {
+Result<std::vector<Vec<D>>> read_points(std::span<const double> coordinates, const Frame<D>& frame,
+                                        const std::atomic<bool>& cancel) {
   if (coordinates.empty()) return invalid_argument("points", "there are none; send at least one query point");
   if (coordinates.size() % D != 0)
     return invalid_argument("points", "the number of coordinates must be a multiple of " + std::to_string(D));
   std::vector<Vec<D>> points(coordinates.size() / D);
   for (size_t i = 0; i < points.size(); ++i) {
+    if (is_cancelled(i, cancel)) return cancelled();
     Vec<D> x;
     for (int k = 0; k < D; ++k) x[k] = coordinates[i * D + static_cast<size_t>(k)];
     if (!x.allFinite()) return invalid_argument(item("points", i), "has a coordinate that is not finite");
@@ -32,7 +43,7 @@ Result<std::vector<Vec<D>>> read_points(std::span<const double> coordinates, con
   return points;
 }
 
-Status check_faces(const QueryInput& input, size_t point_count) {
+Status check_faces(const QueryInput& input, size_t point_count, const std::atomic<bool>& cancel) {
   const auto& offsets = input.face_offsets;
   if (offsets.empty())
     return input.face_corners.empty() ? Status(Done{})
@@ -40,6 +51,7 @@ Status check_faces(const QueryInput& input, size_t point_count) {
   if (offsets.front() != 0 || offsets.back() != input.face_corners.size())
     return invalid_argument("faces", "the corner counts do not add up to the number of corners");
   for (size_t f = 0; f + 1 < offsets.size(); ++f) {
+    if (is_cancelled(f, cancel)) return cancelled();
     if (offsets[f + 1] < offsets[f] || offsets[f + 1] - offsets[f] < 3 || offsets[f + 1] > input.face_corners.size())
       return invalid_argument(item("faces", f), "has fewer than 3 corners");
     for (uint32_t c = offsets[f]; c < offsets[f + 1]; ++c)
@@ -56,12 +68,11 @@ Status check_faces(const QueryInput& input, size_t point_count) {
 template <int D>
 Result<QuerySet<D>> QuerySet<D>::create(const QueryInput& input, const Frame<D>& frame,
                                         const std::atomic<bool>& cancel) {
-  const Error cancelled{ErrorCode::kCancelled, "", "the request was cancelled"};
-  auto points = read_points<D>(input.points, frame);
+  auto points = read_points<D>(input.points, frame, cancel);
   if (!points) return points.error();
   QuerySet set;
   set.points = std::move(points).value();
-  if (auto status = check_faces(input, set.points.size()); !status) return status.error();
+  if (auto status = check_faces(input, set.points.size(), cancel); !status) return status.error();
 
   // Distinct positions in order of first appearance, found by their 64-bit names; a clash of names of
   // different positions only leaves two nodes where one would do.
@@ -69,7 +80,7 @@ Result<QuerySet<D>> QuerySet<D>::create(const QueryInput& input, const Frame<D>&
   node_of_key.reserve(set.points.size());
   set.node_of_point.reserve(set.points.size());
   for (const Vec<D>& x : set.points) {
-    if (set.node_of_point.size() % 4096 == 0 && cancel.load(std::memory_order_relaxed)) return cancelled;
+    if (is_cancelled(set.node_of_point.size(), cancel)) return cancelled();
     auto next = static_cast<uint32_t>(set.nodes.size());
     const auto [found, is_new] = node_of_key.try_emplace(position_key<D>(x), next);
     if (!is_new && set.nodes[found->second] == x) next = found->second;

@@ -11,6 +11,11 @@ namespace {
 // Larger faces are skipped: their dense algebra would cost more than all others together, and what
 // they would connect is far apart.
 constexpr size_t kFaceCornersMax = 256;
+constexpr size_t kCheckEvery = 4096;  // faces or nodes between two looks at `cancel`, some milliseconds
+
+bool is_cancelled(size_t i, const std::atomic<bool>& cancel) {
+  return i % kCheckEvery == 0 && cancel.load(std::memory_order_relaxed);
+}
 
 // The face's Laplacian in the notation of the paper: D takes differences along edges, B their averages,
 // U is the gradient (sharp), V the projection of a vector onto edges (flat), P what of a one-form no
@@ -47,12 +52,13 @@ Eigen::MatrixXd face_laplacian(const Eigen::MatrixX3d& corners, double& area) {
 
 }  // namespace
 
-MeshLaplacian polygon_laplacian(const QueryMesh& mesh) {
+std::optional<MeshLaplacian> polygon_laplacian(const QueryMesh& mesh, const std::atomic<bool>& cancel) {
   MeshLaplacian result;
   const auto count = static_cast<Eigen::Index>(mesh.nodes.size());
   result.area = Eigen::VectorXd::Zero(count);
   std::vector<Eigen::Triplet<double>> entries;
   for (size_t f = 0; f < mesh.face_count(); ++f) {
+    if (is_cancelled(f, cancel)) return std::nullopt;
     const auto face = mesh.face(f);
     if (face.size() > kFaceCornersMax) {
       ++result.faces_skipped;
@@ -79,20 +85,38 @@ MeshLaplacian polygon_laplacian(const QueryMesh& mesh) {
   return result;
 }
 
-double mean_squared_edge(const QueryMesh& mesh) {
-  std::vector<std::pair<uint32_t, uint32_t>> edges;
-  for (size_t f = 0; f < mesh.face_count(); ++f) {
-    const auto face = mesh.face(f);
-    for (size_t i = 0; i < face.size(); ++i) {
-      const uint32_t a = face[i], b = face[(i + 1) % face.size()];
-      if (a != b) edges.emplace_back(std::min(a, b), std::max(a, b));
+std::optional<double> mean_squared_edge(const QueryMesh& mesh, const std::atomic<bool>& cancel) {
+  // Calls visit(lower, upper) for every side of every face; false when cancelled.
+  const auto for_each_side = [&](const auto& visit) {
+    for (size_t f = 0; f < mesh.face_count(); ++f) {
+      if (is_cancelled(f, cancel)) return false;
+      const auto face = mesh.face(f);
+      for (size_t i = 0; i < face.size(); ++i) {
+        const uint32_t a = face[i], b = face[(i + 1) % face.size()];
+        if (a != b) visit(std::min(a, b), std::max(a, b));
+      }
     }
-  }
-  std::sort(edges.begin(), edges.end());
-  edges.erase(std::unique(edges.begin(), edges.end()), edges.end());
+    return true;
+  };
+  // Sides by their lower node; an edge is what is left of them once repetitions are dropped.
+  std::vector<size_t> begin(mesh.nodes.size() + 2, 0);
+  if (!for_each_side([&](uint32_t lower, uint32_t) { ++begin[lower + 2]; })) return std::nullopt;
+  for (size_t i = 2; i < begin.size(); ++i) begin[i] += begin[i - 1];
+  std::vector<uint32_t> upper_node(begin.back());
+  if (!for_each_side([&](uint32_t lower, uint32_t upper) { upper_node[begin[lower + 1]++] = upper; }))
+    return std::nullopt;
   double sum = 0.0;
-  for (const auto& [a, b] : edges) sum += (mesh.nodes[a] - mesh.nodes[b]).squaredNorm();
-  return edges.empty() ? 0.0 : sum / static_cast<double>(edges.size());
+  size_t count = 0;
+  for (size_t a = 0; a < mesh.nodes.size(); ++a) {
+    if (is_cancelled(a, cancel)) return std::nullopt;
+    const auto first = upper_node.begin() + static_cast<std::ptrdiff_t>(begin[a]);
+    const auto last = upper_node.begin() + static_cast<std::ptrdiff_t>(begin[a + 1]);
+    std::sort(first, last);
+    const auto end = std::unique(first, last);
+    for (auto b = first; b != end; ++b) sum += (mesh.nodes[a] - mesh.nodes[*b]).squaredNorm();
+    count += static_cast<size_t>(end - first);
+  }
+  return count == 0 ? 0.0 : sum / static_cast<double>(count);
 }
 
 double smoothing_scale(double samples) {

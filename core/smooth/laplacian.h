@@ -5,7 +5,9 @@
 // Zero-area faces are skipped. Linear in the mesh; dense algebra per face.
 
 #include <Eigen/SparseCore>
+#include <atomic>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -31,11 +33,12 @@ struct MeshLaplacian {
   size_t faces_skipped = 0;               // without area, or with more than 256 corners
 };
 
-MeshLaplacian polygon_laplacian(const QueryMesh& mesh);
+// Nothing: `cancel` was seen set.
+std::optional<MeshLaplacian> polygon_laplacian(const QueryMesh& mesh, const std::atomic<bool>& cancel);
 
 // Mean over the mesh's edges of their squared length; 0 when there are none. Edges between coincident
-// points do not count.
-double mean_squared_edge(const QueryMesh& mesh);
+// points do not count. Nothing: `cancel` was seen set.
+std::optional<double> mean_squared_edge(const QueryMesh& mesh, const std::atomic<bool>& cancel);
 
 // s(m) of [SBC 4.4], the paper's rule for less smoothing with more samples.
 double smoothing_scale(double samples);

@@ -21,7 +21,7 @@ QueryMesh to_mesh(const QueryInput& input) {
 TEST(Laplacian, IsTheCotangentLaplacianOnTriangles) {
   const Vec<3> a(0, 0, 0), b(2, 0.3, 0.1), c(0.5, 1.7, -0.4);
   const QueryMesh mesh{{a, b, c}, {0, 3}, {0, 1, 2}};
-  const MeshLaplacian laplacian = polygon_laplacian(mesh);
+  const MeshLaplacian laplacian = *polygon_laplacian(mesh, kNeverCancelled);
   const auto cotangent = [](const Vec<3>& at, const Vec<3>& p, const Vec<3>& q) {
     return (p - at).dot(q - at) / (p - at).cross(q - at).norm();
   };
@@ -46,7 +46,7 @@ TEST(Laplacian, AnnihilatesLinearFunctionsInsideFlatMeshes) {
     mesh.nodes.push_back(Vec<3>(p[0], p[1], 0.5 * p[0] - p[1]));
   mesh.face_offsets = {0, 6, 10, 13, 16};
   mesh.face_nodes = {0, 1, 2, 3, 4, 5, 0, 5, 6, 7, 0, 7, 8, 0, 8, 1};
-  const MeshLaplacian laplacian = polygon_laplacian(mesh);
+  const MeshLaplacian laplacian = *polygon_laplacian(mesh, kNeverCancelled);
   for (int axis = 0; axis < 3; ++axis) {
     double sum = 0.0;
     for (int j = 0; j < 9; ++j) sum += laplacian.stiffness.coeff(0, j) * mesh.nodes[static_cast<size_t>(j)][axis];
@@ -60,7 +60,7 @@ TEST(Heat, KeepsConstantsAndNodesWithoutArea) {
   QueryMesh mesh = to_mesh(sphere);
   mesh.nodes.push_back(Vec<3>(9, 9, 9));  // isolated
   const size_t count = mesh.nodes.size();
-  const auto kernel = HeatKernel::create(polygon_laplacian(mesh), 0.05);
+  const auto kernel = HeatKernel::create(*polygon_laplacian(mesh, kNeverCancelled), 0.05);
   ASSERT_TRUE(kernel.ok());
   std::vector<double> block(count * HeatKernel::kColumns), workspace;
   for (size_t i = 0; i < count; ++i)
@@ -192,8 +192,8 @@ TEST(Smoothing, IsNotSpoiltByATinyComponent) {
   mesh.face_offsets.push_back(static_cast<uint32_t>(mesh.face_corners.size()));
   BindingSummary summary;
   Options options;
-  options.smoothing_time =
-      mean_squared_edge(to_mesh(testing::mesh_of(testing::sphere(16, 0.7)))) / 12 * (5 - std::log10(50));
+  options.smoothing_time = *mean_squared_edge(to_mesh(testing::mesh_of(testing::sphere(16, 0.7))), kNeverCancelled) /
+                           12 * (5 - std::log10(50));
   const RowBlock both = testing::bind_or_die(index, mesh, options, &summary);
   EXPECT_TRUE(summary.warnings.empty());
   for (size_t i = 0; i < first; ++i) {
@@ -211,7 +211,8 @@ TEST(Smoothing, AcceptsTheTimeOfAnEarlierAnswer) {
   options.smoothing_time = first.smoothing_time;
   EXPECT_EQ(testing::bind_or_die(index, mesh, options, &second).values, rows.values);
   EXPECT_EQ(second.smoothing_time, first.smoothing_time);
-  EXPECT_NEAR(first.smoothing_time, mean_squared_edge(to_mesh(mesh)) / 12 * (5 - std::log10(50)), 1e-12);
+  EXPECT_NEAR(first.smoothing_time, *mean_squared_edge(to_mesh(mesh), kNeverCancelled) / 12 * (5 - std::log10(50)),
+              1e-12);
 }
 
 }  // namespace

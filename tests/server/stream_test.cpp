@@ -156,6 +156,31 @@ TEST_F(Streams, RefusesWhatIsTooMuchAtOnce) {
   expect_works();
 }
 
+// A client that holds a place and says nothing gives it up; one that goes on in time does not.
+TEST_F(Streams, SilentClientsGiveUpTheirPlaces) {
+  DaemonSettings settings;
+  settings.admission.requests_max = 2;
+  settings.limits.receive_idle_max = milliseconds(1500);
+  start(settings);
+  const auto silent_after_header = client_->open();
+  silent_after_header->write(header(1));
+  const auto slow = client_->open();
+  slow->write(header(4));
+  for (int i = 0; i < 4; ++i) {
+    std::this_thread::sleep_for(milliseconds(600));
+    slow->write(points({0.1, 0.2, 0.3}));
+  }
+  slow->half_close();
+  EXPECT_EQ(slow->finish().code, kOk);
+  const Outcome silent = silent_after_header->finish();
+  EXPECT_EQ(silent.code, kCancelled);
+  EXPECT_NE(silent.message.find("nothing arrived for 1500 ms"), std::string::npos) << silent.message;
+  const auto silent_from_the_start = client_->open();
+  EXPECT_EQ(silent_from_the_start->finish().code, kCancelled);
+  expect_idle();
+  expect_works();
+}
+
 TEST_F(Streams, DrainRefusesNewCallsAndFinishesRunningOnes) {
   const auto stream = client_->open();
   stream->write(header(1));
