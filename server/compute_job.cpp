@@ -107,6 +107,8 @@ std::optional<Refusal> ComputeJob::use_index(Result<CageCache::Index> index, boo
 }
 
 std::optional<Refusal> ComputeJob::admit(BindingSize size) {
+  if (const Status fits = check_dimension(plan_->options, size.dimension); !fits)
+    return refuse(invalid_argument("header.output." + fits.error().field, fits.error().message));
   size.points = plan_->counts.points;
   size.face_corners = plan_->counts.corners;
   size.block_rows = choose_block_rows(size.dimension, size.control_vertices);

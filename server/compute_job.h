@@ -18,6 +18,7 @@
 #include <variant>
 
 #include "barycast/v1/barycast.pb.h"
+#include "bind/cost.h"
 #include "query_assembler.h"
 #include "refusal.h"
 #include "service_state.h"

@@ -41,7 +41,7 @@ Error unknown_enum(const std::string& field, Enum value) {
   return invalid_argument(field, fmt::format("unknown value {}; see GetCapabilities", static_cast<int>(value)));
 }
 
-Result<Options> decode_options(const v1::ComputeOptions& in, bool gradients, const Limits& limits) {
+Result<Options> decode_options(const v1::ComputeOptions& in, const v1::OutputOptions& output, const Limits& limits) {
   const std::string path = "header.options.";
   Options out;
   switch (in.coordinates()) {
@@ -92,7 +92,8 @@ Result<Options> decode_options(const v1::ComputeOptions& in, bool gradients, con
   if (in.has_walk_steps_max()) out.walk_steps_max = in.walk_steps_max();
   if (in.has_prune_below()) out.prune_below = in.prune_below();
   if (in.has_smoothing_time()) out.smoothing_time = in.smoothing_time();
-  out.gradients = gradients;
+  out.gradients = output.gradients();
+  out.influences_max = output.influences_max();
   return out;
 }
 
@@ -114,9 +115,6 @@ Status decode_output(const v1::OutputOptions& in, const Limits& limits, ComputeP
   }
   if (in.block_rows() > limits.block_rows_max) {
     return over_limit(path + "block_rows", in.block_rows(), limits.block_rows_max, "ask for fewer, or 0");
-  }
-  if (in.influences_max() != 0) {
-    return Error{ErrorCode::kUnimplemented, path + "influences_max", "not built yet; leave it 0"};
   }
   plan.block_rows = in.block_rows();
   return Done{};
@@ -166,7 +164,7 @@ Result<ComputePlan> decode_header(const v1::ComputeHeader& header, const Limits&
   Result<QueryCounts> counts = decode_counts(header.queries(), limits);
   if (!counts) return counts.error();
   plan.counts = *counts;
-  Result<Options> options = decode_options(header.options(), header.output().gradients(), limits);
+  Result<Options> options = decode_options(header.options(), header.output(), limits);
   if (!options) return options.error();
   Result<ResolvedOptions> resolved = resolve(*options, plan.counts.faces > 0);
   if (!resolved) {

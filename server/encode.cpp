@@ -76,6 +76,7 @@ v1::ComputeCoordinatesResponse encode_header(const ResponseFacts& facts) {
   header.mutable_output()->set_type(facts.float64 ? v1::DATA_TYPE_FLOAT64 : v1::DATA_TYPE_FLOAT32);
   header.mutable_output()->set_gradients(facts.options.gradients);
   header.mutable_output()->set_block_rows(facts.block_rows);
+  header.mutable_output()->set_influences_max(facts.options.influences_max);
   header.set_numerics_version(kNumericsVersion);
   header.set_control_vertex_count(facts.control_vertex_count);
   return response;

@@ -49,6 +49,10 @@ inline constexpr double kPruneGradientFactor = 100.0;
 // being one: the final correction then amplifies its residual by ten at most.
 inline constexpr double kKeptSpanMin = 1e-2;
 
+// Where the number of entries is limited, a vertex spans a new direction if it lies this far off the span of the
+// kept ones, the cage's own standard deviation being one.
+inline constexpr double kKeptOffSpanMin = 0.2;
+
 // A face of the query mesh with less area than this times its longest edge squared is skipped by the
 // smoother: its cotangents, near the reciprocal, would drown the others in rounding.
 inline constexpr double kFaceAreaMin = 1e-6;

@@ -75,7 +75,9 @@ class BindingOf final : public Binding {
                     .seed = settings.options.seed,
                     .pseudo_samples = settings.options.preset == Preset::kPaper ? PseudoSamples::kWhenSingular
                                                                                 : PseudoSamples::kAlways}),
-        finisher_(cage_, {.prune_below = settings.options.prune_below, .gradients = settings.options.gradients}),
+        finisher_(cage_, {.prune_below = settings.options.prune_below,
+                          .gradients = settings.options.gradients,
+                          .influences_max = settings.options.influences_max}),
         quantum_(settings.options.samples),
         workspaces_([this] { return typename PointEstimator<D>::Workspace(cage_); }) {
     summary_.warnings.assign(cage_.warnings().begin(), cage_.warnings().end());
@@ -275,6 +277,7 @@ template <int D>
 Result<std::unique_ptr<Binding>> create_of(std::shared_ptr<const CageIndex> index, const CageStructures<D>& structures,
                                            const QueryInput& input, const BindingSettings& settings,
                                            const std::atomic<bool>& cancel) {
+  if (auto status = check_dimension(settings.options, D); !status) return status.error();
   auto queries = QuerySet<D>::create(input, structures.cage.frame(), cancel);
   if (!queries) return queries.error();
   if (settings.first_row >= queries->points.size())
@@ -298,27 +301,6 @@ Result<std::unique_ptr<Binding>> Binding::create(std::shared_ptr<const CageIndex
   const auto& structures = index->structures();
   return std::visit([&](const auto& s) { return create_of(std::move(index), *s, queries, settings, cancel); },
                     structures);
-}
-
-uint64_t estimate_memory_bytes(const BindingSize& size, const ResolvedOptions& options) {
-  const auto d = static_cast<uint64_t>(size.dimension);
-  const uint64_t entry_bytes = 16 + d * sizeof(double);
-  // Entries of a row: rarely more than 64 (more around polygons) at the usual thresholds, all at lower ones.
-  const uint64_t entries =
-      options.prune_below >= 1e-5 ? std::min(size.control_vertices, 64 + 2 * size.stencil_max) : size.control_vertices;
-  // Workspaces, the block under way, and of every point: as it came, normalized, as a node, and its name's
-  // place in a hash map. Vectors grow to twice what they hold.
-  uint64_t bytes = (uint64_t{1} << 20) + size.threads * size.control_vertices * (d + 1) * sizeof(double) +
-                   std::min(size.block_rows, size.points) * 4 * entries * entry_bytes +
-                   size.points * (3 * d * sizeof(double) + 96) + 3 * size.face_corners * sizeof(uint32_t);
-  if (options.denoise != Denoise::kMesh) return bytes;
-  // A fit per vertex that a sample touches.
-  const uint64_t fits = std::min(size.control_vertices, size.stencil_max * options.samples + 4);
-  bytes += size.points * (512 + 2 * fits * (8 + (d + 1) * sizeof(double)) + 2 * entries * entry_bytes);
-  // Edges and Laplacian while they are assembled, its factor (up to about 64 entries a point on surfaces), and
-  // two blocks of columns per thread.
-  return bytes + size.face_corners * 160 +
-         size.points * (64 * 12 + 2 * size.threads * HeatKernel::kColumns * sizeof(double));
 }
 
 Result<RowBlock> bind_all(std::shared_ptr<const CageIndex> index, QueryInput queries, const ResolvedOptions& options,

@@ -104,21 +104,6 @@ class Binding {
   Binding() = default;
 };
 
-// How large a binding would be. `stencil_max`: most control vertices behind one point of the cage, 4 unless
-// it has larger polygons.
-struct BindingSize {
-  int dimension = 3;
-  uint64_t control_vertices = 0;
-  uint64_t stencil_max = 4;
-  uint64_t points = 0;
-  uint64_t face_corners = 0;
-  uint64_t block_rows = 4096;
-  uint64_t threads = 1;
-};
-
-// Working memory of a binding before it exists, meant as an upper bound for meshes that are surfaces.
-uint64_t estimate_memory_bytes(const BindingSize& size, const ResolvedOptions& options);
-
 // All rows in one block, on the calling thread's arena.
 Result<RowBlock> bind_all(std::shared_ptr<const CageIndex> index, QueryInput queries, const ResolvedOptions& options,
                           BindingSummary* summary = nullptr);

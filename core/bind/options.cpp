@@ -1,6 +1,7 @@
 #include "bind/options.h"
 
 #include <cmath>
+#include <string>
 
 #include "base/tolerances.h"
 
@@ -36,6 +37,7 @@ Result<ResolvedOptions> resolve(const Options& options, bool queries_have_faces)
       .prune_below = options.prune_below.value_or(paper ? 0.0 : kPruneDefault),
       .smoothing_time = options.smoothing_time,
       .gradients = options.gradients,
+      .influences_max = options.influences_max,
   };
   if (options.denoise == Denoise::kAuto) resolved.denoise = queries_have_faces ? Denoise::kMesh : Denoise::kNone;
   if (resolved.denoise == Denoise::kMesh && !queries_have_faces)
@@ -56,6 +58,14 @@ Result<ResolvedOptions> resolve(const Options& options, bool queries_have_faces)
         !s)
       return s.error();
   return resolved;
+}
+
+Status check_dimension(const ResolvedOptions& options, int dimension) {
+  const auto least = static_cast<uint32_t>(dimension) + 1;
+  if (options.influences_max == 0 || options.influences_max >= least) return Done{};
+  return invalid_argument("influences_max", "must be 0 (no limit) or at least " + std::to_string(least) +
+                                                ": fewer control vertices cannot reproduce a position in " +
+                                                std::to_string(dimension) + " dimensions");
 }
 
 }  // namespace barycast

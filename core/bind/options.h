@@ -28,6 +28,7 @@ struct Options {
   std::optional<double> prune_below;
   std::optional<double> smoothing_time;  // in squared diagonals
   bool gradients = false;
+  uint32_t influences_max = 0;  // entries of a row; 0: no limit
 };
 
 struct ResolvedOptions {
@@ -41,10 +42,15 @@ struct ResolvedOptions {
   double prune_below;
   std::optional<double> smoothing_time;  // unset: Binding decides from the query mesh
   bool gradients;
+  uint32_t influences_max;
 };
 
 // Errors, with paths relative to the options ("samples", "thickness", ...): kInvalidArgument (out of
 // range, denoising over a mesh without faces), kUnimplemented (a kind that is not built yet).
 Result<ResolvedOptions> resolve(const Options& options, bool queries_have_faces);
+
+// What only the cage's dimension can tell. Errors: kInvalidArgument (influences_max below d + 1: rows could
+// not reproduce position).
+Status check_dimension(const ResolvedOptions& options, int dimension);
 
 }  // namespace barycast

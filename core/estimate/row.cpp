@@ -4,6 +4,7 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "base/tolerances.h"
 
@@ -31,30 +32,48 @@ class Scatter {
   Mat<D> scatter_ = Mat<D>::Zero();
 };
 
-// d + 1 points far apart: the farthest from the mean, then each the farthest from the span of the
-// ones before.
+// The affine span of a growing set of points.
+template <int D>
+class AffineSpan {
+ public:
+  // Directions that the set does not span yet, counting the first point as one: d + 1 at the beginning.
+  size_t missing() const { return D + 1 - count_; }
+  // Of a point from the span; infinite while there is no point.
+  double distance(const Vec<D>& x) const {
+    return count_ == 0 ? std::numeric_limits<double>::infinity() : (outside_ * (x - origin_)).norm();
+  }
+  // A point off the span.
+  void add(const Vec<D>& x) {
+    if (count_++ == 0) {
+      origin_ = x;
+      return;
+    }
+    const Vec<D> direction = (outside_ * (x - origin_)).normalized();
+    outside_ -= direction * (direction.transpose() * outside_);
+  }
+
+ private:
+  size_t count_ = 0;
+  Vec<D> origin_ = Vec<D>::Zero();
+  Mat<D> outside_ = Mat<D>::Identity();  // projects onto what is not spanned
+};
+
+// d + 1 points far apart: the farthest from the mean, then each the farthest from the span of the ones before.
 template <int D>
 std::vector<uint32_t> spread_simplex(std::span<const uint32_t> vertices, std::span<const Vec<D>> points) {
+  Vec<D> mean = Vec<D>::Zero();
+  for (const uint32_t v : vertices) mean += points[v] / static_cast<double>(vertices.size());
+  AffineSpan<D> span;
   std::vector<uint32_t> chosen;
-  Vec<D> origin = Vec<D>::Zero();
-  for (const uint32_t v : vertices) origin += points[v];
-  origin /= static_cast<double>(vertices.size());
-  Mat<D> outside_span = Mat<D>::Identity();
-  for (int k = 0; k <= D; ++k) {
+  while (span.missing() > 0) {
+    const auto farness = [&](uint32_t v) {
+      return chosen.empty() ? (points[v] - mean).norm() : span.distance(points[v]);
+    };
     uint32_t best = vertices[0];
-    double best_distance = -1.0;
     for (const uint32_t v : vertices)
-      if (const double distance = (outside_span * (points[v] - origin)).squaredNorm(); distance > best_distance) {
-        best = v;
-        best_distance = distance;
-      }
+      if (farness(v) > farness(best)) best = v;
     chosen.push_back(best);
-    if (k == 0) {
-      origin = points[best];
-    } else {
-      const Vec<D> direction = (outside_span * (points[best] - origin)).normalized();
-      outside_span -= direction * direction.transpose() * outside_span;
-    }
+    span.add(points[best]);
   }
   std::sort(chosen.begin(), chosen.end());
   return chosen;
@@ -141,6 +160,38 @@ void RowFinisher<D>::prune(std::vector<RowEntry<D>>& row) const {
   row.swap(kept);
 }
 
+// Keeps `influences_max` entries, the largest ones but for those that the others need to span space: scanning
+// down, an entry off the span of the kept ones always gets a place, another one only while places are left
+// over for the directions that are missing.
+template <int D>
+void RowFinisher<D>::limit(std::vector<RowEntry<D>>& row) const {
+  const size_t places = settings_.influences_max;
+  if (places == 0 || row.size() <= places) return;
+  std::stable_sort(row.begin(), row.end(),
+                   [](const RowEntry<D>& a, const RowEntry<D>& b) { return std::abs(a.value) > std::abs(b.value); });
+  AffineSpan<D> span;
+  std::vector<RowEntry<D>> kept;
+  const auto consider = [&](const RowEntry<D>& entry, double off_span_min) {
+    const Vec<D> x = whitening_ * cage_.control_vertices()[entry.vertex];
+    const bool extends = span.distance(x) > off_span_min;
+    if (extends) span.add(x);
+    if (extends || places - kept.size() > span.missing()) kept.push_back(entry);
+  };
+  for (auto entry = row.begin(); entry != row.end() && kept.size() < places; ++entry) consider(*entry, kKeptOffSpanMin);
+  // Vertices that lie in one plane leave places: the cage's own extremes fill them, farthest first.
+  while (span.missing() > 0) {
+    const uint32_t farthest = *std::max_element(simplex_.begin(), simplex_.end(), [&](uint32_t a, uint32_t b) {
+      return span.distance(whitening_ * cage_.control_vertices()[a]) <
+             span.distance(whitening_ * cage_.control_vertices()[b]);
+    });
+    const auto in_row =
+        std::find_if(row.begin(), row.end(), [&](const RowEntry<D>& entry) { return entry.vertex == farthest; });
+    consider(in_row != row.end() ? *in_row : RowEntry<D>{farthest, 0.0, Vec<D>::Zero()}, 0.0);
+  }
+  std::sort(kept.begin(), kept.end(), [](const RowEntry<D>& a, const RowEntry<D>& b) { return a.vertex < b.vertex; });
+  row.swap(kept);
+}
+
 // Minimum-norm change of values and gradients that restores linear precision [SBC Eq. 4]. About the mean of the kept
 // vertices the constraints of sum and position are orthogonal, so each is met on its own.
 template <int D>
@@ -181,6 +232,7 @@ double RowFinisher<D>::correct(const Vec<D>& x, std::vector<RowEntry<D>>& row) c
 template <int D>
 double RowFinisher<D>::finish(const Vec<D>& x, std::vector<RowEntry<D>>& row) const {
   prune(row);
+  limit(row);
   return correct(x, row);
 }
 

@@ -19,8 +19,9 @@ struct RowEntry {
 };
 
 struct RowSettings {
-  double prune_below = 1e-4;  // 0: nothing is dropped
-  bool gradients = false;     // gradients leave too: they count for what is kept, and are corrected
+  double prune_below = 1e-4;    // 0: nothing is dropped
+  bool gradients = false;       // gradients leave too: they count for what is kept, and are corrected
+  uint32_t influences_max = 0;  // most entries of a row, d + 1 or more; 0: no limit
 };
 
 // Evaluates and finishes rows. Const and thread-safe.
@@ -32,9 +33,9 @@ class RowFinisher {
   // All entries of the query at x that may survive pruning, ascending by vertex.
   void evaluate(const Projected<D>& projected, const Vec<D>& x, std::vector<RowEntry<D>>& row) const;
 
-  // Prunes and corrects in place. A vertex is kept for its value or its gradient; the kept ones span
-  // space with a bounded condition, by the next largest ones and, where there are none, by explicit
-  // zeros. Returns what is left of |sum a_v x_v - x| / max(1, |x|).
+  // Prunes and corrects in place. A vertex is kept for its value or its gradient, the largest values first where
+  // their number is limited; the kept ones span space with a bounded condition, by the next largest ones and,
+  // where there are none, by explicit zeros. Returns what is left of |sum a_v x_v - x| / max(1, |x|).
   double finish(const Vec<D>& x, std::vector<RowEntry<D>>& row) const;
 
   // Whether an entry survives pruning by its size, with the threshold scaled.
@@ -45,6 +46,7 @@ class RowFinisher {
 
  private:
   void prune(std::vector<RowEntry<D>>& row) const;
+  void limit(std::vector<RowEntry<D>>& row) const;
   double correct(const Vec<D>& x, std::vector<RowEntry<D>>& row) const;
 
   const Cage<D>& cage_;

@@ -7,6 +7,7 @@
 #include <limits>
 #include <thread>
 
+#include "bind/cost.h"
 #include "support/rows.h"
 
 namespace barycast {

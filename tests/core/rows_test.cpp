@@ -248,5 +248,41 @@ TEST(Rows, KeepWhatSpansSpace) {
   EXPECT_LT(std::sqrt(squared / 200), 2e-3);
 }
 
+// The largest coordinates stay, rows reproduce position and gradient all the same, down to d + 1 entries.
+TEST(Rows, KeepTheLargestInfluencesThatSpanSpace) {
+  for (const Shape& shape : {testing::box(), testing::bent_prism(), testing::mixed_prism(), testing::soup()}) {
+    const auto index = testing::make_index(shape);
+    auto points = testing::random_points(60, 3, -2.0, 2.0, 7);
+    points.insert(points.end(), shape.vertices.begin(), shape.vertices.begin() + 12);  // on the cage
+    Options options = with(Preset::kDefault, 50);
+    const RowBlock all = testing::bind_or_die(index, testing::loose_points(points), options);
+    for (const uint32_t most : {4u, 5u, 7u}) {
+      options.influences_max = most;
+      const RowBlock rows = testing::bind_or_die(index, testing::loose_points(points), options);
+      EXPECT_LE(testing::promise_error<3>(*index, points, rows).worst(), 1.0);
+      for (size_t i = 0; i < rows.row_count(); ++i) {
+        const uint32_t full = all.offsets[i + 1] - all.offsets[i];
+        ASSERT_EQ(rows.offsets[i + 1] - rows.offsets[i], std::min(most, full)) << i;
+        // The largest one is always among the kept.
+        const auto begin = all.values.begin() + all.offsets[i], end = all.values.begin() + all.offsets[i + 1];
+        const auto largest = std::max_element(begin, end, [](double a, double b) { return std::abs(a) < std::abs(b); });
+        const uint32_t vertex = all.indices[static_cast<size_t>(largest - all.values.begin())];
+        const auto kept_begin = rows.indices.begin() + rows.offsets[i];
+        EXPECT_TRUE(std::find(kept_begin, rows.indices.begin() + rows.offsets[i + 1], vertex) !=
+                    rows.indices.begin() + rows.offsets[i + 1]);
+      }
+    }
+  }
+}
+
+TEST(Rows, RefuseFewerInfluencesThanSpanSpace) {
+  const auto index = testing::make_index(testing::box());
+  Options options;
+  options.influences_max = 3;
+  const auto refused = bind_all(index, testing::loose_points({0, 0, 0}), *resolve(options, false));
+  ASSERT_FALSE(refused.ok());
+  EXPECT_EQ(refused.error().field, "influences_max");
+}
+
 }  // namespace
 }  // namespace barycast

@@ -96,7 +96,7 @@ TEST_F(BadInput, Headers) {
                  "header.options.denoise");
   expect_refused(spoilt([](Header& h) { h.mutable_options()->set_coordinates(v1::COORDINATE_KIND_MEAN_VALUE); }),
                  kUnimplemented, "header.options.coordinates");
-  expect_refused(spoilt([](Header& h) { h.mutable_output()->set_influences_max(8); }), kUnimplemented,
+  expect_refused(spoilt([](Header& h) { h.mutable_output()->set_influences_max(3); }), kInvalidArgument,
                  "header.output.influences_max");
   expect_refused(spoilt([](Header& h) { h.mutable_output()->set_block_rows(101); }), kInvalidArgument,
                  "header.output.block_rows");

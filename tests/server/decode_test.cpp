@@ -108,9 +108,6 @@ TEST(DecodeHeader, RefusesWhatIsNotBuilt) {
   expect_refused(h, ErrorCode::kUnimplemented, "header.options.coordinates");
   h.mutable_options()->set_coordinates(v1::COORDINATE_KIND_POSITIVE_MEAN_VALUE);
   expect_refused(h, ErrorCode::kUnimplemented, "header.options.coordinates");
-  h.mutable_options()->clear_coordinates();
-  h.mutable_output()->set_influences_max(4);
-  expect_refused(h, ErrorCode::kUnimplemented, "header.output.influences_max");
 }
 
 TEST(DecodeHeader, RefusesOutput) {
