@@ -149,7 +149,9 @@ v1::Warning encode_warning(const Warning& warning) {
 
 v1::GetCapabilitiesResponse encode_capabilities(const Limits& limits, const std::string& build_version) {
   v1::GetCapabilitiesResponse response;
-  response.add_coordinates(v1::COORDINATE_KIND_HARMONIC);
+  for (const v1::CoordinateKind kind :
+       {v1::COORDINATE_KIND_HARMONIC, v1::COORDINATE_KIND_MEAN_VALUE, v1::COORDINATE_KIND_POSITIVE_MEAN_VALUE})
+    response.add_coordinates(kind);
   response.add_presets(v1::PRESET_DEFAULT);
   response.add_presets(v1::PRESET_PAPER);
   v1::ElementSupport& plane = *response.add_elements();

@@ -52,12 +52,17 @@ class Quantum {
 };
 
 template <int D>
-Sampler<D> make_sampler(const ResolvedOptions& options, const DistanceIndex<D>& distance) {
+Sampler<D> make_sampler(const ResolvedOptions& options, const CageStructures<D>& structures) {
   const bool paper = options.preset == Preset::kPaper;
-  return HarmonicWalks<D>(distance, {.walks = options.samples,
-                                     .thickness = options.thickness,
-                                     .walk_steps_max = options.walk_steps_max,
-                                     .run_on = !paper});
+  if (options.coordinates != CoordinateKind::kHarmonic)
+    return RaySamples<D>(structures.cage, *structures.lines,
+                         {.rays = options.samples,
+                          .visible_only = options.coordinates == CoordinateKind::kPositiveMeanValue,
+                          .as_printed = paper});
+  return HarmonicWalks<D>(*structures.distance, {.walks = options.samples,
+                                                 .thickness = options.thickness,
+                                                 .walk_steps_max = options.walk_steps_max,
+                                                 .run_on = !paper});
 }
 
 template <int D>
@@ -69,8 +74,7 @@ class BindingOf final : public Binding {
         cage_(structures.cage),
         queries_(std::move(queries)),
         settings_(settings),
-        estimator_(cage_, *structures.distance, *structures.winding,
-                   make_sampler<D>(settings.options, *structures.distance),
+        estimator_(cage_, *structures.distance, *structures.winding, make_sampler<D>(settings.options, structures),
                    {.thickness = settings.options.thickness,
                     .seed = settings.options.seed,
                     .pseudo_samples = settings.options.preset == Preset::kPaper ? PseudoSamples::kWhenSingular

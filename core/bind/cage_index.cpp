@@ -1,6 +1,7 @@
 #include "bind/cage_index.h"
 
 #include "query/distance_index.h"
+#include "query/line_index.h"
 #include "query/winding.h"
 
 namespace barycast {
@@ -11,10 +12,13 @@ Result<CageIndex::Structures> build(const CageInput& input) {
   auto cage = Cage<D>::create(input);
   if (!cage) return cage.error();
   auto structures =
-      std::unique_ptr<CageStructures<D>>(new CageStructures<D>{std::move(cage).value(), nullptr, nullptr});
+      std::unique_ptr<CageStructures<D>>(new CageStructures<D>{std::move(cage).value(), nullptr, nullptr, nullptr});
   auto distance = make_embree_distance_index<D>(structures->cage);
   if (!distance) return distance.error();
   structures->distance = std::move(distance).value();
+  auto lines = make_embree_line_index<D>(structures->cage);
+  if (!lines) return lines.error();
+  structures->lines = std::move(lines).value();
   structures->winding = std::make_unique<const WindingNumber<D>>(structures->cage);
   return CageIndex::Structures(std::unique_ptr<const CageStructures<D>>(std::move(structures)));
 }
@@ -33,9 +37,12 @@ Result<std::shared_ptr<const CageIndex>> CageIndex::create(const CageInput& inpu
 CageIndex::CageIndex(Structures structures, const CageDigest& digest)
     : structures_(std::move(structures)),
       digest_(digest),
-      bytes_(sizeof(*this) +
-             std::visit([](const auto& s) { return s->cage.bytes() + s->distance->bytes() + s->winding->bytes(); },
-                        structures_)) {}
+      bytes_(sizeof(*this) + std::visit(
+                                 [](const auto& s) {
+                                   return s->cage.bytes() + s->distance->bytes() + s->lines->bytes() +
+                                          s->winding->bytes();
+                                 },
+                                 structures_)) {}
 
 CageIndex::~CageIndex() = default;
 

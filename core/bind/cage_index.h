@@ -18,6 +18,8 @@ namespace barycast {
 template <int D>
 class DistanceIndex;
 template <int D>
+class LineIndex;
+template <int D>
 class WindingNumber;
 
 // Lives where it was made: the structures refer to the cage.
@@ -25,6 +27,7 @@ template <int D>
 struct CageStructures {
   const Cage<D> cage;
   std::unique_ptr<const DistanceIndex<D>> distance;
+  std::unique_ptr<const LineIndex<D>> lines;
   std::unique_ptr<const WindingNumber<D>> winding;
 };
 

@@ -23,8 +23,6 @@ Status check_range(const char* field, double value, double low, double high, con
 }  // namespace
 
 Result<ResolvedOptions> resolve(const Options& options, bool queries_have_faces) {
-  if (options.coordinates != CoordinateKind::kHarmonic)
-    return Error{ErrorCode::kUnimplemented, "coordinates", "this kind of coordinates is not built yet; harmonic is"};
   const bool paper = options.preset == Preset::kPaper;
   ResolvedOptions resolved{
       .coordinates = options.coordinates,

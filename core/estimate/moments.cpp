@@ -10,7 +10,7 @@ MomentAccumulator<D>::MomentAccumulator(const Cage<D>& cage)
     : cage_(cage), by_vertex_(cage.control_vertex_count(), Vec<D + 1>::Zero()), touched_(cage.control_vertex_count()) {}
 
 template <int D>
-void MomentAccumulator<D>::accumulate(std::span<const Sample<D>> samples, Moments<D>& out) {
+void MomentAccumulator<D>::accumulate(std::span<const Sample<D>> samples, Weights weights, Moments<D>& out) {
   out = {};
   out.sample_count = samples.size();
   if (samples.empty()) return;
@@ -29,8 +29,13 @@ void MomentAccumulator<D>::accumulate(std::span<const Sample<D>> samples, Moment
 
   for (const Sample<D>& sample : samples) {
     const Vec<D + 1> y = homogeneous<D>((sample.point - out.centre) * out.scale);
-    const Vec<D + 1> weighted = sample.weight * y;
+    const double weight = weights == Weights::kMagnitudes ? std::abs(sample.weight) : sample.weight;
+    const Vec<D + 1> weighted = weight * y;
     out.second += weighted * y.transpose();  // [SBC Eq. 9]
+    if (weight < 0) {
+      out.is_signed = true;
+      out.negative += weighted * y.transpose();
+    }
     basis_.clear();
     cage_.append_basis(cage_.elements()[sample.element], sample.shares, 1.0, basis_);
     for (const VertexWeight& phi : basis_) {

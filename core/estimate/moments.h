@@ -19,23 +19,28 @@ struct VertexMoment {
 };
 
 // With Y = [(y - centre) scale; 1]: second = sum w Y Y^T, first = sum w phi_v Y for every vertex that a
-// sample touches, ascending.
+// sample touches, ascending; centre and scale by |w|.
 template <int D>
 struct Moments {
   Vec<D> centre = Vec<D>::Zero();
   double scale = 1.0;
   Mat<D + 1> second = Mat<D + 1>::Zero();
   std::vector<VertexMoment<D>> first;
-  double weight_mean = 0.0;  // of |w|
+  Mat<D + 1> negative = Mat<D + 1>::Zero();  // the part of `second` from negative weights
+  bool is_signed = false;                    // there are such
+  double weight_mean = 0.0;                  // of |w|
   size_t sample_count = 0;
 };
+
+enum class Weights { kAsGiven, kMagnitudes };
 
 // Reusable workspace, one per task: memory for every control vertex.
 template <int D>
 class MomentAccumulator {
  public:
   explicit MomentAccumulator(const Cage<D>& cage);
-  void accumulate(std::span<const Sample<D>> samples, Moments<D>& out);
+  // kMagnitudes: as if every weight were |w|.
+  void accumulate(std::span<const Sample<D>> samples, Weights weights, Moments<D>& out);
 
  private:
   const Cage<D>& cage_;

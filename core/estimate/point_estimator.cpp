@@ -23,7 +23,7 @@ PointEstimator<D>::PointEstimator(const Cage<D>& cage, const DistanceIndex<D>& d
       winding_(winding),
       sampler_(std::move(sampler)),
       settings_(settings),
-      projection_(cage, settings.pseudo_samples) {}
+      projection_(cage) {}
 
 // Where a query on the cage takes its samples from [SBC 4.5]: away from the cage, on the query's own
 // side; on the inside where the query lies exactly on an element.
@@ -38,6 +38,19 @@ Vec<D> PointEstimator<D>::shifted(const Vec<D>& x, const CagePoint<D>& closest) 
   const Vec<D> against = closest.point - shift * normal, along = closest.point + shift * normal;
   const bool other_side = std::abs(std::abs(winding_(along)) - 1) + 0.25 < std::abs(std::abs(winding_(against)) - 1);
   return other_side ? along : against;
+}
+
+template <int D>
+void PointEstimator<D>::project(const Vec<D>& x, Workspace& workspace, Projected<D>& out) const {
+  const std::vector<Sample<D>>& samples = workspace.samples.samples;
+  workspace.accumulator.accumulate(samples, Weights::kAsGiven, workspace.moments);
+  if (!workspace.moments.is_signed) return projection_.project(workspace.moments, settings_.pseudo_samples, out);
+  // Pseudo-samples would outweigh what is left of sums of either sign.
+  if (projection_.is_sound(workspace.moments, x))
+    return projection_.project(workspace.moments, PseudoSamples::kNever, out);
+  workspace.accumulator.accumulate(samples, Weights::kMagnitudes, workspace.moments);
+  projection_.project(workspace.moments, PseudoSamples::kAlways, out);
+  out.singular = true;
 }
 
 template <int D>
@@ -61,8 +74,7 @@ bool PointEstimator<D>::estimate(const Vec<D>& x, const std::atomic<bool>& cance
       [&](const auto& sampler) { return sampler.sample(origin, radius, random, cancel, workspace.samples); }, sampler_);
   if (!complete) return false;
 
-  workspace.accumulator.accumulate(workspace.samples.samples, workspace.moments);
-  projection_.project(workspace.moments, out.projected);
+  project(x, workspace, out.projected);
   out.counts = workspace.samples.counts;
   if (workspace.samples.samples.size() < kSamplesFew) out.flags |= kRowFewSamples;
   if (workspace.samples.samples.empty()) out.flags |= kRowNoSamples;

@@ -14,12 +14,13 @@
 #include "estimate/row_flags.h"
 #include "query/distance_index.h"
 #include "query/winding.h"
+#include "sample/rays.h"
 #include "sample/walks.h"
 
 namespace barycast {
 
 template <int D>
-using Sampler = std::variant<HarmonicWalks<D>>;
+using Sampler = std::variant<HarmonicWalks<D>, RaySamples<D>>;
 
 template <int D>
 struct PointEstimate {
@@ -35,7 +36,7 @@ class PointEstimator {
   struct Settings {
     double thickness;
     uint64_t seed;
-    PseudoSamples pseudo_samples;
+    PseudoSamples pseudo_samples;  // for positive weights
   };
   PointEstimator(const Cage<D>& cage, const DistanceIndex<D>& distance, const WindingNumber<D>& winding,
                  Sampler<D> sampler, const Settings& settings);
@@ -56,6 +57,9 @@ class PointEstimator {
 
  private:
   Vec<D> shifted(const Vec<D>& x, const CagePoint<D>& closest) const;
+  // Signed weights do without pseudo-samples; where they amplify noise too much, their magnitudes with
+  // pseudo-samples replace them.
+  void project(const Vec<D>& x, Workspace& workspace, Projected<D>& out) const;
 
   const Cage<D>& cage_;
   const DistanceIndex<D>& distance_;

@@ -1,8 +1,10 @@
 #include "estimate/projection.h"
 
+#include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <algorithm>
+#include <cmath>
 
 #include "base/tolerances.h"
 
@@ -16,39 +18,67 @@ bool is_singular(const Mat<N>& matrix) {
   return !(magnitudes.minCoeff() >= kMomentRcondMin * magnitudes.maxCoeff()) || magnitudes.maxCoeff() == 0.0;
 }
 
+// Y = local [y; 1], from the cage's frame to the moments'.
+template <int D>
+Mat<D + 1> to_local(const Moments<D>& moments) {
+  Mat<D + 1> local = Mat<D + 1>::Zero();
+  local.diagonal().setConstant(moments.scale);
+  local(D, D) = 1.0;
+  local.template topRightCorner<D, 1>() = -moments.scale * moments.centre;
+  return local;
+}
+
 }  // namespace
 
 template <int D>
-Projection<D>::Projection(const Cage<D>& cage, PseudoSamples policy)
-    : cage_(cage), policy_(policy), vertex_second_(Mat<D + 1>::Zero()) {
+Projection<D>::Projection(const Cage<D>& cage) : cage_(cage), vertex_second_(Mat<D + 1>::Zero()) {
   for (const uint32_t v : cage.used_vertices()) {
     const Vec<D + 1> x = homogeneous<D>(cage.control_vertices()[v]);
     vertex_second_ += x * x.transpose();
   }
 }
 
+// Of every used vertex.
 template <int D>
-void Projection<D>::project(const Moments<D>& moments, Projected<D>& out) const {
+double Projection<D>::pseudo_weight(const Moments<D>& moments) const {
+  const double mean = moments.sample_count == 0 ? 1.0 : moments.weight_mean;
+  return kPseudoSampleWeight * mean / static_cast<double>(cage_.used_vertices().size());
+}
+
+template <int D>
+void Projection<D>::project(const Moments<D>& moments, PseudoSamples policy, Projected<D>& out) const {
   out.fits.clear();
   out.pseudo.setZero();
-  // To the moments' frame: Y = local [y; 1].
-  Mat<D + 1> local = Mat<D + 1>::Zero();
-  local.diagonal().setConstant(moments.scale);
-  local(D, D) = 1.0;
-  local.template topRightCorner<D, 1>() = -moments.scale * moments.centre;
-
+  const Mat<D + 1> local = to_local(moments);
   Mat<D + 1> second = moments.second;
-  out.singular = moments.sample_count == 0 || (policy_ == PseudoSamples::kWhenSingular && is_singular<D + 1>(second));
-  const bool pseudo = policy_ == PseudoSamples::kAlways || out.singular;
-  const double mean = moments.sample_count == 0 ? 1.0 : moments.weight_mean;
-  const double pseudo_weight = kPseudoSampleWeight * mean / static_cast<double>(cage_.used_vertices().size());
-  if (pseudo) second += pseudo_weight * (local * vertex_second_ * local.transpose());
+  out.singular = moments.sample_count == 0 || (policy == PseudoSamples::kWhenSingular && is_singular<D + 1>(second));
+  const bool pseudo = policy == PseudoSamples::kAlways || out.singular;
+  const double weight = pseudo_weight(moments);
+  if (pseudo) second += weight * (local * vertex_second_ * local.transpose());
 
   // u_v = M^-1 m_v [SBC Eq. 7], then back: u . Y = (local^T u) . [y; 1].
   const Mat<D + 1> solve = local.transpose() * second.inverse();
   for (const VertexMoment<D>& first : moments.first) out.fits.push_back({first.vertex, solve * first.moment});
-  // The pseudo-samples' own m_v is pseudo_weight [x_v; 1], for phi_v is 1 there and the others are 0.
-  if (pseudo) out.pseudo = pseudo_weight * (solve * local);
+  // The pseudo-samples' own m_v is their weight times [x_v; 1], for phi_v is 1 there and the others are 0.
+  if (pseudo) out.pseudo = weight * (solve * local);
+}
+
+template <int D>
+bool Projection<D>::is_sound(const Moments<D>& moments, const Vec<D>& x) const {
+  const Mat<D + 1> local = to_local(moments);
+  // A = sum |w| y y^T, with pseudo-samples, so that it can be inverted. Where it is the identity the fits of
+  // positive weights have unit variance in every direction, and those of signed ones that of M^-1.
+  const Mat<D + 1> magnitude =
+      moments.second - 2 * moments.negative + pseudo_weight(moments) * (local * vertex_second_ * local.transpose());
+  const Eigen::LLT<Mat<D + 1>> root(magnitude);
+  if (root.info() != Eigen::Success) return false;
+  Mat<D + 1> whitened = root.matrixL().solve(moments.second);
+  whitened = root.matrixL().solve(Mat<D + 1>(whitened.transpose()));
+  const Eigen::SelfAdjointEigenSolver<Mat<D + 1>> solver(whitened);
+  if (!(solver.eigenvalues().cwiseAbs().minCoeff() * kSignedAmplificationMaxAnywhere >= 1.0)) return false;
+  const Vec<D + 1> at = root.matrixL().solve(Vec<D + 1>(local * homogeneous<D>(x)));
+  const Vec<D + 1> amplified = solver.eigenvalues().cwiseInverse().cwiseProduct(solver.eigenvectors().transpose() * at);
+  return amplified.norm() <= kSignedAmplificationMax * at.norm();
 }
 
 template <int D>

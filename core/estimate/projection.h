@@ -31,23 +31,30 @@ struct Projected {
 enum class PseudoSamples {
   kAlways,        // with weight kPseudoSampleWeight of a mean sample, spread over the used vertices
   kWhenSingular,  // only where the moment matrix cannot be inverted (paper preset)
+  kNever,         // for signed weights, whose sums are smaller than any share of a mean sample
 };
 
 template <int D>
 class Projection {
  public:
-  Projection(const Cage<D>& cage, PseudoSamples policy);
+  explicit Projection(const Cage<D>& cage);
 
   // Solves for u_v [SBC Eq. 7]. Without samples: the affine least-squares fit of the control vertices.
-  void project(const Moments<D>& moments, Projected<D>& out) const;
+  void project(const Moments<D>& moments, PseudoSamples policy, Projected<D>& out) const;
+
+  // Whether signed weights may stand: they must not amplify noise much more than their magnitudes would, neither
+  // in the coordinates at x (kSignedAmplificationMax) nor in any other value or gradient of the fits
+  // (kSignedAmplificationMaxAnywhere). Outside, far away, they do: hits of either sign nearly cancel.
+  bool is_sound(const Moments<D>& moments, const Vec<D>& x) const;
 
   // For a query on the cage at y: keeps every gradient and sets the constants so that u_v . [y; 1] =
   // phi_v(y) [SBC 4.4].
   void pin(const CagePoint<D>& y, Projected<D>& projected) const;
 
  private:
+  double pseudo_weight(const Moments<D>& moments) const;
+
   const Cage<D>& cage_;
-  PseudoSamples policy_;
   Mat<D + 1> vertex_second_;  // sum over used vertices of [x_v; 1] [x_v; 1]^T
 };
 

@@ -1,5 +1,3 @@
-#include <embree3/rtcore.h>
-
 #include <algorithm>
 #include <cmath>
 #include <string>
@@ -8,6 +6,7 @@
 #include "base/check.h"
 #include "query/distance_index.h"
 #include "query/element_distance.h"
+#include "query/embree_device.h"
 
 namespace barycast {
 namespace {
@@ -82,17 +81,6 @@ std::vector<Facet<D>> make_facets(const Cage<D>& cage) {
   return facets;
 }
 
-RTCDevice device() {
-  // One for the process, never released: Embree's own threads are not used (it builds on the caller's
-  // TBB arena), and releasing it at exit would race with static destruction.
-  static const RTCDevice instance = rtcNewDevice(nullptr);
-  return instance;
-}
-
-struct SceneDeleter {
-  void operator()(RTCScene scene) const { rtcReleaseScene(scene); }
-};
-
 // Float radius that covers a double one: Embree works in floats, and its query point is rounded.
 float covering_radius(double radius, double reach) {
   return static_cast<float>(radius * (1 + 1e-5) + 1e-6 * (1 + reach));
@@ -106,18 +94,9 @@ class EmbreeDistance final : public DistanceIndex<D> {
   }
 
   Status build() {
-    if (device() == nullptr) return Error{ErrorCode::kInternal, "", "Embree could not be started"};
-    scene_.reset(rtcNewScene(device()));
-    RTCGeometry geometry = rtcNewGeometry(device(), RTC_GEOMETRY_TYPE_USER);
-    rtcSetGeometryUserPrimitiveCount(geometry, static_cast<unsigned>(facets_.size()));
-    rtcSetGeometryUserData(geometry, const_cast<std::vector<Facet<D>>*>(&facets_));
-    rtcSetGeometryBoundsFunction(geometry, facet_bounds, nullptr);
-    rtcCommitGeometry(geometry);
-    rtcAttachGeometry(scene_.get(), geometry);
-    rtcReleaseGeometry(geometry);
-    rtcCommitScene(scene_.get());
-    if (const RTCError error = rtcGetDeviceError(device()); error != RTC_ERROR_NONE)
-      return Error{ErrorCode::kInternal, "", "Embree failed with error " + std::to_string(error)};
+    auto scene = make_embree_scene(static_cast<unsigned>(facets_.size()), &facets_, facet_bounds, nullptr);
+    if (!scene) return scene.error();
+    scene_ = std::move(scene).value();
     return Done{};
   }
 
@@ -175,12 +154,7 @@ class EmbreeDistance final : public DistanceIndex<D> {
       low = low.cwiseMin(facet.corner[static_cast<size_t>(i)]);
       high = high.cwiseMax(facet.corner[static_cast<size_t>(i)]);
     }
-    float bounds[6] = {};  // z = 0 in the plane
-    for (int i = 0; i < D; ++i) {
-      bounds[i] = std::nextafter(static_cast<float>(low[i]), -1.0f);
-      bounds[3 + i] = std::nextafter(static_cast<float>(high[i]), 1.0f);
-    }
-    *args->bounds_o = {bounds[0], bounds[1], bounds[2], 0, bounds[3], bounds[4], bounds[5], 0};
+    *args->bounds_o = embree_box<D>(low, high, 0.0);
   }
 
   void run(const Vec<D>& x, float radius, RTCPointQueryFunction visit, void* search) const {
@@ -241,7 +215,7 @@ class EmbreeDistance final : public DistanceIndex<D> {
   const Cage<D>& cage_;
   std::vector<Facet<D>> facets_;
   double deviation_max_ = 0.0;
-  std::unique_ptr<RTCSceneTy, SceneDeleter> scene_;
+  EmbreeScene scene_;
 };
 
 }  // namespace

@@ -1,8 +1,8 @@
 #pragma once
 
-// Random directions and the exact law of where a walk from outside first meets a sphere about the
-// origin. All from two uniform numbers each, in double, with a sine and cosine of our own so that bits
-// do not depend on the system's mathematics library.
+// Random directions, lattices of them, and the exact law of where a walk from outside first meets a sphere
+// about the origin. All from a few uniform numbers, in double, with a sine and cosine of our own so that
+// bits do not depend on the system's mathematics library.
 
 #include <algorithm>
 #include <array>
@@ -71,6 +71,54 @@ Vec<D> exterior_hit(const Vec<D>& x, double radius, const std::array<double, 2>&
     const Vec<3> tangent0 = axis.cross(helper).normalized(), tangent1 = axis.cross(tangent0);
     const SineCosine around = sine_cosine_of_turns(random[1]);
     return radius * (cosine * axis + sine * (around.cosine * tangent0 + around.sine * tangent1));
+  }
+}
+
+// A cone of directions: those that make an angle with `axis` whose cosine is at least 1 - depth. `depth` is
+// exact for narrow cones as well; 2: all directions.
+template <int D>
+struct Cone {
+  Vec<D> axis;
+  double depth;
+
+  // The direction at a fraction of the cone's measure (D = 3: of its area, outwards from the axis; D = 2: of
+  // its angle, from one side to the other), turned around the axis.
+  Vec<D> direction(double fraction, double turns) const {
+    if constexpr (D == 2) {
+      // By the half angle's sine: acos(1 - depth) would lose narrow cones.
+      const double half_angle = 2 * std::asin(std::sqrt(std::min(1.0, 0.5 * depth)));
+      const double turn = (2 * fraction - 1) * half_angle / (2 * std::numbers::pi);
+      const SineCosine angle = sine_cosine_of_turns(turn < 0 ? turn + 1 : turn);
+      return {axis[0] * angle.cosine - axis[1] * angle.sine, axis[1] * angle.cosine + axis[0] * angle.sine};
+    } else {
+      const double s = fraction * depth;
+      const double sine = std::sqrt(std::max(0.0, s * (2 - s)));
+      const SineCosine around = sine_cosine_of_turns(turns);
+      const Vec<3> helper = std::abs(axis[0]) < 0.5 ? Vec<3>::UnitX() : Vec<3>::UnitY();
+      const Vec<3> tangent0 = axis.cross(helper).normalized(), tangent1 = axis.cross(tangent0);
+      return ((1 - s) * axis + sine * (around.cosine * tangent0 + around.sine * tangent1)).normalized();
+    }
+  }
+};
+
+// The part of a golden-ratio sequence that matters: i times the golden ratio, modulo one, plus a shift.
+inline double golden_turns(uint32_t i, double shift) {
+  const double turns = i * 0.6180339887498949 + shift;
+  return turns - std::floor(turns);
+}
+
+// A rotation, uniform over all of them, from three (D = 2: one) uniform numbers [Shoemake 1992].
+template <int D>
+Mat<D> uniform_rotation(const std::array<double, 2>& first, const std::array<double, 2>& second) {
+  if constexpr (D == 2) {
+    const SineCosine angle = sine_cosine_of_turns(first[0]);
+    Mat<2> rotation;
+    rotation << angle.cosine, -angle.sine, angle.sine, angle.cosine;
+    return rotation;
+  } else {
+    const SineCosine a = sine_cosine_of_turns(first[1]), b = sine_cosine_of_turns(second[0]);
+    const double r = std::sqrt(1 - first[0]), q = std::sqrt(first[0]);
+    return Eigen::Quaterniond(q * b.cosine, r * a.sine, r * a.cosine, q * b.sine).toRotationMatrix();
   }
 }
 

@@ -15,6 +15,7 @@ namespace barycast {
 enum class SampleEnd : uint8_t {
   kArrived,  // within the thickness of the cage
   kCapped,   // at the step limit; the sample is the closest point of the cage
+  kHit,      // where a ray meets the cage
 };
 
 template <int D>

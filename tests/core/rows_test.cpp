@@ -20,21 +20,25 @@ Options with(Preset preset, uint32_t samples, bool gradients = true) {
 TEST(Rows, AreAffineInASimplex) {
   const auto index = testing::make_index(testing::tetrahedron());
   const auto points = testing::random_points(50, 3, -0.5, 1.5, 1);
-  for (const Preset preset : {Preset::kDefault, Preset::kPaper}) {
-    const RowBlock rows = testing::bind_or_die(index, testing::loose_points(points), with(preset, 50));
-    ASSERT_EQ(rows.row_count(), 50u);
-    for (size_t i = 0; i < 50; ++i) {
-      const auto row = testing::dense_row(rows, i, 4);
-      const double* x = points.data() + 3 * i;
-      for (size_t k = 0; k < 3; ++k) EXPECT_NEAR(row[k + 1], x[k], 1e-12);
-      EXPECT_NEAR(row[0], 1 - x[0] - x[1] - x[2], 1e-12);
-      for (uint32_t e = rows.offsets[i]; e < rows.offsets[i + 1]; ++e)
-        for (size_t k = 0; k < 3; ++k) {
-          const uint32_t v = rows.indices[e];
-          EXPECT_NEAR(rows.gradients[3 * e + k], v == 0 ? -1.0 : v == k + 1 ? 1.0 : 0.0, 1e-11);
-        }
+  for (const CoordinateKind kind :
+       {CoordinateKind::kHarmonic, CoordinateKind::kMeanValue, CoordinateKind::kPositiveMeanValue})
+    for (const Preset preset : {Preset::kDefault, Preset::kPaper}) {
+      Options options = with(preset, 50);
+      options.coordinates = kind;
+      const RowBlock rows = testing::bind_or_die(index, testing::loose_points(points), options);
+      ASSERT_EQ(rows.row_count(), 50u);
+      for (size_t i = 0; i < 50; ++i) {
+        const auto row = testing::dense_row(rows, i, 4);
+        const double* x = points.data() + 3 * i;
+        for (size_t k = 0; k < 3; ++k) EXPECT_NEAR(row[k + 1], x[k], 1e-12);
+        EXPECT_NEAR(row[0], 1 - x[0] - x[1] - x[2], 1e-12);
+        for (uint32_t e = rows.offsets[i]; e < rows.offsets[i + 1]; ++e)
+          for (size_t k = 0; k < 3; ++k) {
+            const uint32_t v = rows.indices[e];
+            EXPECT_NEAR(rows.gradients[3 * e + k], v == 0 ? -1.0 : v == k + 1 ? 1.0 : 0.0, 1e-11);
+          }
+      }
     }
-  }
 }
 
 TEST(Rows, AreTrilinearInABox) {
@@ -120,21 +124,24 @@ void expect_promise(const Shape& shape, const std::string& name) {
     mesh.face_corners.insert(mesh.face_corners.end(), {i, i + 1, i + 2});
     mesh.face_offsets.push_back(static_cast<uint32_t>(mesh.face_corners.size()));
   }
-  for (const Preset preset : {Preset::kDefault, Preset::kPaper})
-    for (const Denoise denoise : {Denoise::kNone, Denoise::kMesh})
-      for (const uint32_t samples : {3u, 50u}) {
-        Options options = with(preset, samples);
-        options.denoise = denoise;
-        BindingSummary summary;
-        const RowBlock rows = testing::bind_or_die(index, mesh, options, &summary);
-        const auto error = testing::promise_error<D>(*index, points, rows);
-        EXPECT_LE(error.sum, 1) << name << " preset " << int(preset) << " denoise " << int(denoise) << " m " << samples;
-        EXPECT_LE(error.position, 1) << name << " preset " << int(preset) << " denoise " << int(denoise) << " m "
-                                     << samples;
-        EXPECT_LE(error.gradient, 1) << name << " preset " << int(preset) << " denoise " << int(denoise) << " m "
-                                     << samples;
-        EXPECT_LE(summary.linear_precision_error_max, 1e-12);
-      }
+  for (const auto kind : {CoordinateKind::kHarmonic, CoordinateKind::kMeanValue, CoordinateKind::kPositiveMeanValue})
+    for (const Preset preset : {Preset::kDefault, Preset::kPaper})
+      for (const Denoise denoise : {Denoise::kNone, Denoise::kMesh})
+        for (const uint32_t samples : {3u, 50u}) {
+          Options options = with(preset, samples);
+          options.coordinates = kind;
+          options.denoise = denoise;
+          BindingSummary summary;
+          const RowBlock rows = testing::bind_or_die(index, mesh, options, &summary);
+          const auto error = testing::promise_error<D>(*index, points, rows);
+          const std::string what = name + " kind " + std::to_string(int(kind)) + " preset " +
+                                   std::to_string(int(preset)) + " denoise " + std::to_string(int(denoise)) + " m " +
+                                   std::to_string(samples);
+          EXPECT_LE(error.sum, 1) << what;
+          EXPECT_LE(error.position, 1) << what;
+          EXPECT_LE(error.gradient, 1) << what;
+          EXPECT_LE(summary.linear_precision_error_max, 1e-12) << what;
+        }
 }
 
 TEST(LinearPrecision, HoldsOnEveryCageAndEverywhere) {

@@ -94,8 +94,8 @@ TEST_F(BadInput, Headers) {
                  kInvalidArgument, "header.options.preset");
   expect_refused(spoilt([](Header& h) { h.mutable_options()->set_denoise(v1::DENOISE_MESH); }), kInvalidArgument,
                  "header.options.denoise");
-  expect_refused(spoilt([](Header& h) { h.mutable_options()->set_coordinates(v1::COORDINATE_KIND_MEAN_VALUE); }),
-                 kUnimplemented, "header.options.coordinates");
+  expect_refused(spoilt([](Header& h) { h.mutable_options()->set_coordinates(static_cast<v1::CoordinateKind>(9)); }),
+                 kInvalidArgument, "header.options.coordinates");
   expect_refused(spoilt([](Header& h) { h.mutable_output()->set_influences_max(3); }), kInvalidArgument,
                  "header.output.influences_max");
   expect_refused(spoilt([](Header& h) { h.mutable_output()->set_block_rows(101); }), kInvalidArgument,

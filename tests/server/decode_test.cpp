@@ -102,14 +102,6 @@ TEST(DecodeHeader, RefusesOptions) {
   expect_refused(h, kInvalid, "header.options.prune_below");
 }
 
-TEST(DecodeHeader, RefusesWhatIsNotBuilt) {
-  v1::ComputeHeader h = sound();
-  h.mutable_options()->set_coordinates(v1::COORDINATE_KIND_MEAN_VALUE);
-  expect_refused(h, ErrorCode::kUnimplemented, "header.options.coordinates");
-  h.mutable_options()->set_coordinates(v1::COORDINATE_KIND_POSITIVE_MEAN_VALUE);
-  expect_refused(h, ErrorCode::kUnimplemented, "header.options.coordinates");
-}
-
 TEST(DecodeHeader, RefusesOutput) {
   v1::ComputeHeader h = sound();
   h.mutable_output()->set_type(v1::DATA_TYPE_UINT32);

@@ -1,0 +1,55 @@
+#pragma once
+
+// Where a line meets single elements, in double: the last word on every hit. Accelerators only propose
+// candidates.
+//
+// Seen along the line, every node of the cage has one image, and whether an element lies across the line
+// is decided by exact signs of its edges' images, as if the line were moved by an infinitesimal amount
+// where it passes an edge or a vertex [Edelsbrunner and Muecke 1990]. Elements that share an edge share
+// its sign, so a line through an edge or a vertex meets a closed cage an even number of times: no hit is
+// doubled or lost. A bilinear patch is met once, or as often as its boundary winds around the line, modulo
+// two; where, is the quadratic of Reshetov [2019] in the images.
+
+#include <array>
+
+#include "base/vector.h"
+#include "cage/cage.h"
+
+namespace barycast {
+
+template <int D>
+struct LineHit {
+  double t;                      // signed distance from the line's origin, along its direction
+  uint32_t element;              // of Cage::elements()
+  std::array<double, 4> shares;  // of the element's corners; they sum to one
+  Vec<D> point;                  // y = sum share_i corner_i
+};
+
+// A line through a point, in both directions.
+template <int D>
+class Line {
+ public:
+  using Image = Vec<D - 1>;
+
+  // `direction` has unit length.
+  Line(const Vec<D>& origin, const Vec<D>& direction);
+
+  const Vec<D>& origin() const { return origin_; }
+  const Vec<D>& direction() const { return direction_; }
+  // Where a point appears across the line, which itself is at 0; a sheared, not a perpendicular view.
+  Image image(const Vec<D>& point) const;
+
+ private:
+  Vec<D> origin_, direction_;
+  std::array<int, 3> axis_{};  // D = 3: the last is the largest of the direction
+  std::array<double, 2> shear_{};
+};
+
+// Writes the hits of an element into `hits` and returns their number: 0 or 1, for a patch up to 2.
+template <int D>
+int meet(const Line<D>& line, const Cage<D>& cage, uint32_t element, std::array<LineHit<D>, 2>& hits);
+
+extern template class Line<2>;
+extern template class Line<3>;
+
+}  // namespace barycast
