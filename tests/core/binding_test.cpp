@@ -45,7 +45,6 @@ TEST(Options, AreRefusedByName) {
   EXPECT_EQ(refused([](Options& o) { o.prune_below = -1; }), "prune_below");
   EXPECT_EQ(refused([](Options& o) { o.smoothing_time = -1; }), "smoothing_time");
   EXPECT_EQ(refused([](Options& o) { o.denoise = Denoise::kMesh; }), "denoise");
-  EXPECT_EQ(refused([](Options& o) { o.coordinates = CoordinateKind::kMeanValue; }), "coordinates");
 }
 
 TEST(Queries, AreRefusedByName) {

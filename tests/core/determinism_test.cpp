@@ -5,6 +5,7 @@
 #include <tbb/task_arena.h>
 
 #include <bit>
+#include <tuple>
 
 #include "support/rows.h"
 
@@ -38,13 +39,14 @@ RowBlock in_arena(int threads, const std::shared_ptr<const CageIndex>& index, co
   return rows;
 }
 
-class Determinism : public ::testing::TestWithParam<Preset> {
+class Determinism : public ::testing::TestWithParam<std::tuple<Preset, CoordinateKind>> {
  protected:
   std::shared_ptr<const CageIndex> index_ = testing::make_index(testing::mixed_prism());
   std::vector<double> points_ = testing::random_points(300, 3, -1.5, 1.5, 1);
   Options options_ = [] {
     Options options = gradients_too();
-    options.preset = GetParam();
+    options.preset = std::get<Preset>(GetParam());
+    options.coordinates = std::get<CoordinateKind>(GetParam());
     return options;
   }();
 };
@@ -128,8 +130,16 @@ TEST_P(Determinism, SeedsDiffer) {
   EXPECT_FALSE(same_bytes(rows, testing::bind_or_die(index_, testing::loose_points(points_), options_)));
 }
 
-INSTANTIATE_TEST_SUITE_P(Presets, Determinism, ::testing::Values(Preset::kDefault, Preset::kPaper),
-                         [](const auto& info) { return info.param == Preset::kDefault ? "Default" : "Paper"; });
+INSTANTIATE_TEST_SUITE_P(PresetsAndKinds, Determinism,
+                         ::testing::Combine(::testing::Values(Preset::kDefault, Preset::kPaper),
+                                            ::testing::Values(CoordinateKind::kHarmonic, CoordinateKind::kMeanValue,
+                                                              CoordinateKind::kPositiveMeanValue)),
+                         [](const auto& info) {
+                           static constexpr const char* kKinds[] = {"Harmonic", "MeanValue", "PositiveMeanValue"};
+                           const bool paper = std::get<Preset>(info.param) == Preset::kPaper;
+                           return std::string(paper ? "Paper" : "Default") +
+                                  kKinds[static_cast<int>(std::get<CoordinateKind>(info.param))];
+                         });
 
 }  // namespace
 }  // namespace barycast

@@ -174,8 +174,12 @@ TEST_F(Service, OdditiesAreWarnings) {
 TEST_F(Service, CapabilitiesListOnlyWhatIsBuilt) {
   v1::GetCapabilitiesResponse reply;
   ASSERT_EQ(client_->capabilities(reply).code, kOk);
-  ASSERT_EQ(reply.coordinates_size(), 1);
-  EXPECT_EQ(reply.coordinates(0), v1::COORDINATE_KIND_HARMONIC);
+  ASSERT_EQ(reply.coordinates_size(), 3);
+  for (const int kind : reply.coordinates()) {
+    auto head = header(1);
+    head.mutable_header()->mutable_options()->set_coordinates(static_cast<v1::CoordinateKind>(kind));
+    EXPECT_EQ(client_->compute({head, points({0.1, 0.2, 0.3})}).code, kOk) << kind;
+  }
   EXPECT_EQ(reply.presets_size(), 2);
   ASSERT_EQ(reply.elements_size(), 2);
   EXPECT_EQ(reply.elements(0).kinds_size(), 1);
