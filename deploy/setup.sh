@@ -7,6 +7,7 @@ packages=(
   g++ cmake ninja-build ccache pkg-config
   libgrpc++-dev protobuf-compiler protobuf-compiler-grpc libprotobuf-dev grpc-proto
   libembree-dev libtbb-dev libspdlog-dev libfmt-dev libeigen3-dev libcli11-dev libssl-dev
+  nlohmann-json3-dev prometheus-cpp-dev
   libgtest-dev libgmock-dev clang libclang-rt-14-dev clang-format clang-tidy
   python3-grpcio python3-protobuf python3-numpy python3-scipy python3-pytest python3-matplotlib python3-tqdm
 )
@@ -26,14 +27,14 @@ if ((${#missing[@]})); then
   "${root[@]}" apt-get install -y -qq --no-install-recommends "${missing[@]}" </dev/null >/dev/null
 fi
 
-# buf lints the API. It is not packaged for Debian, so it comes from npm and is optional.
+# buf lints the API and guards it against breaking changes. It is not packaged for Debian, so it comes from npm and is optional.
 if [ ! -x build/tools/node_modules/.bin/buf ]; then
   if ! command -v npm >/dev/null; then
-    echo "setup: npm is absent, so buf is not installed and the API will not be linted"
+    echo "setup: npm is absent, so buf is not installed and the API will not be checked"
   elif mkdir -p build/tools \
     && npm install --silent --no-fund --no-audit --prefix build/tools '@bufbuild/buf@1' </dev/null; then
     echo "setup: installed buf $(build/tools/node_modules/.bin/buf --version)"
   else
-    echo "setup: npm could not install buf, so the API will not be linted"
+    echo "setup: npm could not install buf, so the API will not be checked"
   fi
 fi

@@ -92,7 +92,7 @@ our_sources() { find core server client_examples tests \( -name '*.h' -o -name '
 
 format() { our_sources | xargs -0 clang-format --dry-run -Werror; }
 
-scripts() { shellcheck deploy/*.sh tests/run.sh .ci/run; }
+scripts() { shellcheck deploy/*.sh proto/*.sh tests/run.sh .ci/run; }
 
 # What a stage ran on: its binaries and their inputs. It is remembered when the stage passes.
 fingerprint() { find "$@" -type f -print0 | sort -z | xargs -0 sha256sum | sha256sum; }
@@ -140,7 +140,14 @@ fuzz() {
 
 stage setup bash deploy/setup.sh
 buf=build/tools/node_modules/.bin/buf
-if [ -x "$buf" ]; then stage buf-lint "$buf" lint proto; else skip buf-lint "buf is not installed"; fi
+if [ -x "$buf" ]; then
+  stage buf-lint "$buf" lint proto
+  # Clients are built against the committed descriptor; proto/renew_descriptor.sh renews it.
+  stage buf-breaking "$buf" breaking proto --against proto/barycast.binpb
+else
+  skip buf-lint "buf is not installed"
+  skip buf-breaking "buf is not installed"
+fi
 stage format format
 if command -v shellcheck >/dev/null; then stage scripts scripts; else skip scripts "shellcheck is not installed"; fi
 stage build build
