@@ -1,30 +1,192 @@
 #include "bind/cost.h"
 
 #include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
 
+#include "base/tolerances.h"
+#include "estimate/point_estimator.h"
+#include "estimate/row.h"
 #include "smooth/heat.h"
 
 namespace barycast {
+namespace {
+
+// What depends on the data, per point: control vertices that its samples touch, entries of its row before and
+// after denoising, and entries of the factor of the smoothing matrix.
+struct Density {
+  double touched, entries, smoothed_entries, factor_entries;
+  bool exact;  // the same for every point: the worst case
+};
+
+// Samples of one point touch V f(samples / V) of V control vertices, f(x) = a x / (1 + a x): measured on spheres
+// of 14 to 266 control vertices, 20 to 2,000 walks, points on inner spheres and at random; a is 2 near the
+// cage and 4 near its centre, whatever V.
+constexpr double kTouchRate = 3.0;
+// Denoising reaches over so many times the samples of a point before contributions fall below the pruning.
+constexpr double kSmoothingReach = 150.0;
+// A point's share of the pseudo-samples survives pruning at every vertex from this many thresholds on.
+constexpr double kPseudoKept = 2.5;
+// Fill of the factor under minimum degree, from 1,000 to 160,000 points: 18 to 50 on triangles and quads.
+double surface_fill(double points) {
+  return std::max(8.0, 4.4 * std::log2(std::max(2.0, points)) - 26.0);
+}
+
+double touched_by(double samples, const BindingSize& size) {
+  const auto vertices = static_cast<double>(size.control_vertices);
+  // Larger polygons spread a sample over all their corners.
+  const double x = kTouchRate * samples * static_cast<double>(size.stencil_max) / 4.0 / std::max(1.0, vertices);
+  return vertices * x / (1.0 + x);
+}
+
+Density expected(const BindingSize& size, const ResolvedOptions& options) {
+  const auto vertices = static_cast<double>(size.control_vertices);
+  const auto samples = static_cast<double>(options.samples);
+  Density data{.touched = touched_by(samples, size),
+               .entries = vertices,
+               .smoothed_entries = vertices,
+               .factor_entries = surface_fill(static_cast<double>(size.points)),
+               .exact = false};
+  const bool pseudo = options.preset != Preset::kPaper;
+  if (options.prune_below > 0.0) {
+    const double share = pseudo ? kPseudoSampleWeight / (vertices * samples * options.prune_below) : 0.0;
+    data.entries = data.touched + (vertices - data.touched) * std::min(1.0, share / kPseudoKept);
+    data.smoothed_entries = std::max(data.entries, touched_by(kSmoothingReach * samples, size));
+  } else if (!pseudo) {
+    data.entries = data.touched;
+  }
+  return data;
+}
+
+Density worst(const BindingSize& size, const ResolvedOptions& options) {
+  const auto vertices = static_cast<double>(size.control_vertices);
+  const double touched = static_cast<double>(size.stencil_max) * (options.samples + 1.0);
+  return {.touched = std::min(vertices, touched),
+          .entries = vertices,
+          .smoothed_entries = vertices,
+          .factor_entries = 2.0 * surface_fill(static_cast<double>(size.points)),
+          .exact = true};
+}
+
+// Capacity of a vector that grew to `count` by doubling.
+double grown(double count) {
+  return count < 1.0 ? 0.0 : static_cast<double>(std::bit_ceil(static_cast<uint64_t>(std::ceil(count))));
+}
+
+// The same on average over counts that spread around `count` and stay below `most`.
+double grown(double count, double most, const Density& data) {
+  if (data.exact) return grown(std::min(count, most));
+  constexpr std::array<double, 5> kSpread = {0.6, 0.8, 1.0, 1.2, 1.4};
+  double sum = 0.0;
+  for (const double factor : kSpread) sum += grown(std::min(most, factor * count));
+  return sum / kSpread.size();
+}
+
+// Of the bound, for what the model leaves out.
+constexpr double kMargin = 1.1;
+
+template <int D>
+class Model {
+ public:
+  Model(const BindingSize& size, const ResolvedOptions& options, const Density& data)
+      : size_(size), options_(options), data_(data), points_(static_cast<double>(size.points)) {}
+
+  double peak() const {
+    const bool smoothed = options_.denoise == Denoise::kMesh;
+    const double set = points_ * (kPosition + sizeof(uint32_t)) + grown(points_) * kPosition;
+    const double faces = static_cast<double>(size_.faces), corners = static_cast<double>(size_.face_corners);
+    const double input = points_ * kPosition + 4.0 * (faces + corners);
+    const double mesh = faces > 0 ? grown(points_) * sizeof(Vec<3>) + 4.0 * faces + 4.0 * grown(corners) : 0.0;
+    // While positions are looked up: their names' nodes and buckets, and the slack of the list of nodes.
+    const double names = points_ * 40.0 + (grown(points_) - points_) * kPosition;
+    if (!smoothed) return constant() + std::max(input + set + mesh + names, set + block(data_.entries));
+    const double held = set + mesh + points_ * sizeof(PointEstimate<D>);
+    const double sampled = held + points_ * (kChunk + fits() * sizeof(LinearFit<D>));
+    const double done = sampled + smoothed_rows() + kernel();
+    return constant() + std::max({input + set + mesh + names, input + held, sampled + factorization(), done + columns(),
+                                  done + columns() + block(data_.smoothed_entries)});
+  }
+
+ private:
+  static constexpr double kPosition = sizeof(Vec<D>);
+  static constexpr double kChunk = 16.0;  // what malloc adds to a piece, rounding included
+  // Edges, Laplacian and matrix per point, the ordering's workspace, and twice the factor: Eigen's and ours.
+  static constexpr double kFactorizationBytes = 410.0, kFactorEntryBytes = 23.2;
+
+  double vertices() const { return static_cast<double>(size_.control_vertices); }
+
+  // Of every thread: moments of all control vertices, samples, and a row twice while it is pruned.
+  double constant() const {
+    const double thread = vertices() * (sizeof(Vec<D + 1>) + 8.0) + options_.samples * 2.0 * sizeof(Sample<D>) +
+                          2.0 * grown(vertices()) * sizeof(RowEntry<D>) + 24'000.0;
+    return 64'000.0 + static_cast<double>(size_.threads) * thread;
+  }
+
+  double fits() const { return grown(data_.touched, vertices(), data_); }
+
+  // The rows under way, and the same packed; a vector that grows holds its old half as well, once the longest.
+  double block(double entries) const {
+    if (options_.influences_max > 0) entries = std::min(entries, static_cast<double>(options_.influences_max));
+    const double rows = static_cast<double>(std::min(size_.block_rows, size_.points));
+    const double values = grown(rows * entries), gradients = options_.gradients ? grown(rows * entries * D) : 0.0;
+    return rows * (kFinishedRow + kChunk + grown(entries, vertices(), data_) * sizeof(RowEntry<D>)) +
+           grown(rows * entries) * sizeof(uint32_t) + (values + gradients) * sizeof(double) +
+           0.5 * std::max(values, gradients) * sizeof(double) + 16.0 * rows;
+  }
+  static constexpr double kFinishedRow = 80.0;
+
+  double factorization() const {
+    // Every pair of a face's corners, as entries to be summed, and the sparse matrix from them.
+    const double corners = static_cast<double>(size_.face_corners);
+    const double pairs = corners * std::min(256.0, corners / std::max(1.0, static_cast<double>(size_.faces)));
+    const double assembly = 16.0 * grown(pairs) + 12.0 * pairs + 130.0 * points_;
+    return std::max(assembly, points_ * (kFactorizationBytes + kFactorEntryBytes * data_.factor_entries));
+  }
+  double kernel() const { return points_ * (28.0 + 12.0 * data_.factor_entries); }
+  double smoothed_rows() const {
+    const double pseudo = sizeof(Mat<D + 1>), header = 24.0;
+    return points_ *
+           (pseudo + header + kChunk + grown(data_.smoothed_entries, vertices(), data_) * sizeof(RowEntry<D>));
+  }
+  // Two blocks of columns for every thread that has control vertices to smooth.
+  double columns() const {
+    const double groups = std::ceil(vertices() * (D + 1) / HeatKernel::kColumns);
+    return points_ * 2.0 * HeatKernel::kColumns * sizeof(double) *
+           std::min(static_cast<double>(size_.threads), std::max(1.0, groups));
+  }
+
+  const BindingSize& size_;
+  const ResolvedOptions& options_;
+  const Density& data_;
+  const double points_;
+};
+
+uint64_t peak_bytes(const BindingSize& size, const ResolvedOptions& options, const Density& data) {
+  return static_cast<uint64_t>(size.dimension == 2 ? Model<2>(size, options, data).peak()
+                                                   : Model<3>(size, options, data).peak());
+}
+
+}  // namespace
 
 uint64_t estimate_memory_bytes(const BindingSize& size, const ResolvedOptions& options) {
-  const auto d = static_cast<uint64_t>(size.dimension);
-  const uint64_t entry_bytes = 16 + d * sizeof(double);
-  // Entries of a row: rarely more than 64 (more around polygons) at the usual thresholds, all at lower ones.
-  const uint64_t entries =
-      options.prune_below >= 1e-5 ? std::min(size.control_vertices, 64 + 2 * size.stencil_max) : size.control_vertices;
-  // Workspaces, the block under way, and of every point: as it came, normalized, as a node, and its name's
-  // place in a hash map. Vectors grow to twice what they hold.
-  uint64_t bytes = (uint64_t{1} << 20) + size.threads * size.control_vertices * (d + 1) * sizeof(double) +
-                   std::min(size.block_rows, size.points) * 4 * entries * entry_bytes +
-                   size.points * (3 * d * sizeof(double) + 96) + 3 * size.face_corners * sizeof(uint32_t);
-  if (options.denoise != Denoise::kMesh) return bytes;
-  // A fit per vertex that a sample touches.
-  const uint64_t fits = std::min(size.control_vertices, size.stencil_max * options.samples + 4);
-  bytes += size.points * (512 + 2 * fits * (8 + (d + 1) * sizeof(double)) + 2 * entries * entry_bytes);
-  // Edges and Laplacian while they are assembled, its factor (up to about 64 entries a point on surfaces), and
-  // two blocks of columns per thread.
-  return bytes + size.face_corners * 160 +
-         size.points * (64 * 12 + 2 * size.threads * HeatKernel::kColumns * sizeof(double));
+  return peak_bytes(size, options, expected(size, options));
+}
+
+uint64_t bound_memory_bytes(const BindingSize& size, const ResolvedOptions& options) {
+  return static_cast<uint64_t>(kMargin * static_cast<double>(peak_bytes(size, options, worst(size, options))));
+}
+
+uint64_t estimate_samples(const BindingSize& size, const ResolvedOptions& options) {
+  const bool lines = options.coordinates != CoordinateKind::kHarmonic;
+  return size.points * (lines ? uint64_t{options.samples} + options.samples % 2 : options.samples);
+}
+
+uint64_t estimate_entries(const BindingSize& size, const ResolvedOptions& options) {
+  const Density data = expected(size, options);
+  double entries = options.denoise == Denoise::kMesh ? data.smoothed_entries : data.entries;
+  if (options.influences_max > 0) entries = std::min(entries, static_cast<double>(options.influences_max));
+  return static_cast<uint64_t>(std::llround(static_cast<double>(size.points) * entries));
 }
 
 }  // namespace barycast

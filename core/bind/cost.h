@@ -1,7 +1,13 @@
 #pragma once
 
 // What a binding would cost, before it exists: decided from sizes and options alone, so that a service can
-// refuse before work starts. Pure functions.
+// say it and refuse before work starts. Pure functions, some nanoseconds each.
+//
+// Exact are the sizes of what the binding keeps for every point, and of vectors that grow by doubling. Two
+// things depend on the data: how many control vertices a row touches, and how far the factor of the
+// smoothing matrix fills in. The estimate takes what points in and around the cage and meshes that are
+// surfaces show (measured: tests/core/cost_test.cpp, within 25 %); the bound takes the worst of the first,
+// all that samples could touch, twice the fill of a surface, and a tenth more of everything.
 
 #include <cstdint>
 
@@ -16,12 +22,22 @@ struct BindingSize {
   uint64_t control_vertices = 0;
   uint64_t stencil_max = 4;
   uint64_t points = 0;
+  uint64_t faces = 0;
   uint64_t face_corners = 0;
   uint64_t block_rows = 4096;
   uint64_t threads = 1;
 };
 
-// Working memory of a binding before it exists, meant as an upper bound for meshes that are surfaces.
+// Peak of a binding's working memory, from its query input to its last block of rows; not the cage's index.
 uint64_t estimate_memory_bytes(const BindingSize& size, const ResolvedOptions& options);
+// At least what it will use, for admission; where faces connect the points in no surface-like way the factor
+// has a bound of its own, see smooth/heat.h.
+uint64_t bound_memory_bytes(const BindingSize& size, const ResolvedOptions& options);
+
+// Walks or rays: points times samples, and an even number per point for rays, which come in lines of two.
+uint64_t estimate_samples(const BindingSize& size, const ResolvedOptions& options);
+
+// Entries of all rows, as expected; exact where nothing is pruned.
+uint64_t estimate_entries(const BindingSize& size, const ResolvedOptions& options);
 
 }  // namespace barycast

@@ -115,7 +115,7 @@ uint64_t bytes_in_use() {
   return info.uordblks + info.hblkhd;
 }
 
-// The most that a binding holds between two pieces of work, against the estimate that admits it.
+// The most that a binding holds between two pieces of work, against the bound that admits it.
 void expect_estimate_holds(const testing::Shape& cage, const QueryInput& queries, const Options& options) {
 #if defined(__SANITIZE_ADDRESS__)
   GTEST_SKIP() << "the sanitizer's allocator does not say what is in use";
@@ -126,6 +126,7 @@ void expect_estimate_holds(const testing::Shape& cage, const QueryInput& queries
                          .control_vertices = index->control_vertex_count(),
                          .stencil_max = index->stencil_max(),
                          .points = queries.points.size() / 3,
+                         .faces = queries.face_offsets.size(),
                          .face_corners = queries.face_corners.size(),
                          .threads = 2};
   const uint64_t before = bytes_in_use();
@@ -137,8 +138,8 @@ void expect_estimate_holds(const testing::Shape& cage, const QueryInput& queries
     if (step == Binding::Step::kBlock) (*binding)->take_block();
     peak = std::max(peak, bytes_in_use() - before);
   }
-  EXPECT_LE(peak, estimate_memory_bytes(size, resolved));
-  EXPECT_GE(20 * peak, estimate_memory_bytes(size, resolved)) << "an estimate this far off refuses what would fit";
+  EXPECT_LE(peak, bound_memory_bytes(size, resolved));
+  EXPECT_GE(4 * peak, bound_memory_bytes(size, resolved)) << "a bound this far off refuses what would fit";
 }
 
 TEST(Memory, EstimateHoldsForLoosePoints) {

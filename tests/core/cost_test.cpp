@@ -1,0 +1,150 @@
+// The cost model against what a binding really allocates: every byte that malloc hands out is counted, so
+// the peak is exact. A program of its own, since it replaces malloc.
+
+#include "bind/cost.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "counted_malloc.h"
+#include "support/rows.h"
+
+namespace barycast {
+namespace {
+
+using testing::Shape;
+
+// A wavy sheet of side x side points in the middle of the unit sphere.
+QueryInput sheet(uint32_t side, bool triangles) {
+  Shape shape;
+  for (uint32_t i = 0; i < side; ++i)
+    for (uint32_t j = 0; j < side; ++j) {
+      const double x = -0.5 + 1.0 * i / (side - 1), y = -0.5 + 1.0 * j / (side - 1);
+      shape.vertices.insert(shape.vertices.end(), {x, y, 0.3 * std::sin(5 * x) * std::cos(4 * y)});
+    }
+  for (uint32_t i = 0; i + 1 < side; ++i)
+    for (uint32_t j = 0; j + 1 < side; ++j) {
+      const uint32_t a = i * side + j, b = a + 1, c = a + side + 1, d = a + side;
+      if (triangles) {
+        shape.triangles.insert(shape.triangles.end(), {a, b, c, a, c, d});
+      } else {
+        shape.quads.insert(shape.quads.end(), {a, b, c, d});
+      }
+    }
+  return testing::mesh_of(shape);
+}
+
+QueryInput loose(uint32_t count) {
+  return testing::loose_points(testing::random_points(count, 3, -0.55, 0.55, 1));
+}
+
+QueryInput ball(int n) {
+  return testing::mesh_of(testing::sphere(n, 0.8));
+}
+
+Options choices(uint32_t samples, bool gradients, double prune_below) {
+  Options options;
+  options.samples = samples;
+  options.gradients = gradients;
+  options.prune_below = prune_below;
+  return options;
+}
+
+BindingSize size_of(const CageIndex& index, const QueryInput& queries) {
+  return {.dimension = 3,
+          .control_vertices = index.control_vertex_count(),
+          .stencil_max = index.stencil_max(),
+          .points = queries.points.size() / 3,
+          .faces = queries.face_offsets.empty() ? 0 : queries.face_offsets.size() - 1,
+          .face_corners = queries.face_corners.size(),
+          .threads = 2};
+}
+
+struct Measured {
+  uint64_t peak = 0, entries = 0, samples = 0;
+};
+
+// From the query input, which counts, to the end.
+Measured measure(const std::shared_ptr<const CageIndex>& index, const QueryInput& queries,
+                 const ResolvedOptions& options) {
+  const uint64_t before = testing::bytes_in_use();
+  testing::reset_bytes_in_use_max();
+  auto binding = Binding::create(index, queries, {.options = options});
+  EXPECT_TRUE(binding.ok());
+  for (Binding::Step step = Binding::Step::kWorking; step != Binding::Step::kDone;) {
+    step = (*binding)->advance(kNeverCancelled);
+    if (step == Binding::Step::kBlock) (*binding)->take_block();
+  }
+  const BindingSummary& summary = (*binding)->summary();
+  return {testing::bytes_in_use_max() - before, summary.entries, summary.samples};
+}
+
+struct Case {
+  const char* name;
+  Shape cage;
+  QueryInput queries;
+  Options options;
+};
+
+std::vector<Case> cases() {
+  const auto vertices = [](int n) { return testing::sphere(n, 1.0); };  // 14, 26, 62, 114, 146 for 3, 4, 6, 8, 9
+  return {
+      {"1k loose, box", testing::box(), loose(1000), choices(50, false, 1e-4)},
+      {"1k loose, 146, all entries", vertices(9), loose(1000), choices(500, true, 0)},
+      {"10k loose, 114, gradients", vertices(8), loose(10'000), choices(50, true, 1e-4)},
+      {"10k loose, 114, all entries", vertices(8), loose(10'000), choices(20, false, 0)},
+      {"300k loose, box", testing::box(), loose(300'000), choices(1, false, 1e-4)},
+      {"1k ball, box", testing::box(), ball(22), choices(20, false, 1e-4)},
+      {"1k ball, 26", vertices(4), ball(22), choices(500, false, 1e-4)},
+      {"1k ball, 62", vertices(6), ball(22), choices(50, true, 0)},
+      {"1k ball, 146", vertices(9), ball(22), choices(50, true, 1e-4)},
+      {"7k ball, 14", vertices(3), ball(60), choices(20, true, 1e-4)},
+      {"7k ball, 146", vertices(9), ball(60), choices(20, false, 1e-4)},
+      {"10k quads, 114", vertices(8), sheet(100, false), choices(20, false, 1e-4)},
+      {"10k triangles, 26", vertices(4), sheet(100, true), choices(50, false, 1e-4)},
+      {"40k triangles, box", testing::box(), sheet(200, true), choices(20, true, 0)},
+  };
+}
+
+TEST(Cost, EstimateIsWithinAQuarterOfThePeak) {
+  for (const Case& c : cases()) {
+    const auto index = testing::make_index(c.cage);
+    const auto options = *resolve(c.options, !c.queries.face_offsets.empty());
+    const Measured measured = measure(index, c.queries, options);
+    const BindingSize size = size_of(*index, c.queries);
+    const auto peak = static_cast<double>(measured.peak);
+    const double ratio = static_cast<double>(estimate_memory_bytes(size, options)) / peak;
+    const double bound = static_cast<double>(bound_memory_bytes(size, options)) / peak;
+    std::printf("%-28s peak %8.2f MB, estimate %.2f, bound %.2f of it; entries %.2f\n", c.name, peak / 1e6, ratio,
+                bound, static_cast<double>(estimate_entries(size, options)) / static_cast<double>(measured.entries));
+    EXPECT_NEAR(ratio, 1.0, 0.25) << c.name;
+    EXPECT_GE(bound, 1.0) << c.name << ": admission would let memory run out";
+    EXPECT_LE(bound, 2.5) << c.name << ": admission would refuse what fits";
+    EXPECT_NEAR(static_cast<double>(estimate_entries(size, options)) / static_cast<double>(measured.entries), 1.0, 0.3)
+        << c.name;
+    EXPECT_EQ(estimate_samples(size, options), measured.samples) << c.name;
+  }
+}
+
+// Sizes are known and the estimate is a function of them: more is never less.
+TEST(Cost, GrowsWithTheRequest) {
+  const auto options = *resolve(choices(50, false, 1e-4), true);
+  uint64_t before = 0;
+  for (uint64_t points = 1000; points <= 100'000'000; points *= 10) {
+    const BindingSize size{.control_vertices = 100, .points = points, .faces = points, .face_corners = 4 * points};
+    EXPECT_GT(estimate_memory_bytes(size, options), before);
+    EXPECT_GT(bound_memory_bytes(size, options), estimate_memory_bytes(size, options));
+    before = estimate_memory_bytes(size, options);
+  }
+}
+
+TEST(Cost, RaysComeInLinesOfTwo) {
+  ResolvedOptions options = *resolve(choices(51, false, 1e-4), false);
+  EXPECT_EQ(estimate_samples({.points = 10}, options), 510u);
+  options.coordinates = CoordinateKind::kMeanValue;
+  EXPECT_EQ(estimate_samples({.points = 10}, options), 520u);
+}
+
+}  // namespace
+}  // namespace barycast
