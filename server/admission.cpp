@@ -19,24 +19,32 @@ Refusal busy(std::string message) {
 std::variant<std::unique_ptr<Admission::Ticket>, Refusal> Admission::enter(uint64_t bytes) {
   {
     const std::lock_guard lock(mutex_);
-    if (requests_ >= bounds_.requests_max) {
-      return busy(fmt::format("busy with {} requests; try again later", requests_));
+    auto& [requests, promised, refused] = usage_;
+    if (requests >= bounds_.requests_max) {
+      ++refused;
+      return busy(fmt::format("busy with {} requests; try again later", requests));
     }
     // A request alone is always admitted: request_bytes_max has judged it by itself.
-    if (requests_ > 0 && bytes > bounds_.bytes_max - std::min(bytes_, bounds_.bytes_max)) {
+    if (requests > 0 && bytes > bounds_.bytes_max - std::min(promised, bounds_.bytes_max)) {
+      ++refused;
       return busy(fmt::format(
-          "busy: {} bytes of working memory are promised and this request needs {}; try again later", bytes_, bytes));
+          "busy: {} bytes of working memory are promised and this request needs {}; try again later", promised, bytes));
     }
-    ++requests_;
-    bytes_ += bytes;
+    ++requests;
+    promised += bytes;
   }
   return std::make_unique<Ticket>(*this, bytes);
 }
 
 void Admission::leave(uint64_t bytes) {
   const std::lock_guard lock(mutex_);
-  --requests_;
-  bytes_ -= bytes;
+  --usage_.requests;
+  usage_.bytes -= bytes;
+}
+
+Admission::Usage Admission::usage() const {
+  const std::lock_guard lock(mutex_);
+  return usage_;
 }
 
 }  // namespace barycast::server

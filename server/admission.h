@@ -35,6 +35,13 @@ class Admission {
 
   explicit Admission(const Bounds& bounds) : bounds_(bounds) {}
 
+  struct Usage {
+    uint32_t requests = 0;  // admitted now
+    uint64_t bytes = 0;     // promised to them
+    uint64_t refused = 0;   // since the start, for being busy
+  };
+  Usage usage() const;
+
   // A refusal carries when to try again.
   std::variant<std::unique_ptr<Ticket>, Refusal> enter(uint64_t bytes);
 
@@ -42,9 +49,8 @@ class Admission {
   void leave(uint64_t bytes);
 
   const Bounds bounds_;
-  std::mutex mutex_;
-  uint32_t requests_ = 0;
-  uint64_t bytes_ = 0;
+  mutable std::mutex mutex_;
+  Usage usage_;
 };
 
 }  // namespace barycast::server

@@ -26,7 +26,10 @@ CageCache::Found CageCache::get(const CageDigest& digest, const Build& build, Wa
     if (!held) {
       const auto [building, first] = building_.try_emplace(digest);
       building->second.push_back(std::move(waiter));
+      ++(first ? stats_.misses : stats_.joins);
       if (!first) return Found::kJoined;
+    } else {
+      ++stats_.hits;
     }
   }
   if (held) {
@@ -55,10 +58,13 @@ CageCache::Found CageCache::find(const CageDigest& digest, Waiter waiter) {
     held = touch(digest);
     if (!held) {
       const auto building = building_.find(digest);
-      if (building == building_.end()) return Found::kMissing;
+      const bool joined = building != building_.end();
+      ++(joined ? stats_.joins : stats_.misses);
+      if (!joined) return Found::kMissing;
       building->second.push_back(std::move(waiter));
       return Found::kJoined;
     }
+    ++stats_.hits;
   }
   waiter(std::move(held), Found::kHit);
   return Found::kHit;
@@ -72,6 +78,11 @@ bool CageCache::contains(const CageDigest& digest) {
 uint64_t CageCache::bytes() const {
   const std::lock_guard lock(mutex_);
   return bytes_;
+}
+
+CageCache::Stats CageCache::stats() const {
+  const std::lock_guard lock(mutex_);
+  return stats_;
 }
 
 size_t CageCache::entry_count() const {
@@ -93,6 +104,7 @@ void CageCache::keep(const CageDigest& digest, Index index, std::vector<Index>& 
   by_digest_[digest] = entries_.begin();
   while (bytes_ > bytes_max_) {
     Entry& last = entries_.back();
+    ++stats_.evictions;
     bytes_ -= last.index->bytes();
     by_digest_.erase(last.digest);
     evicted.push_back(std::move(last.index));

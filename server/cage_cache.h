@@ -42,6 +42,12 @@ class CageCache {
   uint64_t bytes() const;
   size_t entry_count() const;
 
+  // Since the start. Lookups by `get` and `find`; `contains` is a question, not a lookup.
+  struct Stats {
+    uint64_t hits = 0, joins = 0, misses = 0, evictions = 0;
+  };
+  Stats stats() const;
+
  private:
   struct Entry {
     CageDigest digest;
@@ -53,6 +59,7 @@ class CageCache {
   const uint64_t bytes_max_;
   mutable std::mutex mutex_;
   uint64_t bytes_ = 0;
+  Stats stats_;
   std::list<Entry> entries_;  // most recently used first
   std::map<CageDigest, std::list<Entry>::iterator> by_digest_;
   std::map<CageDigest, std::vector<Waiter>> building_;

@@ -3,6 +3,21 @@
 #include <fmt/format.h>
 
 namespace barycast::server {
+namespace {
+
+// Whatever their origin, users see paths that start at the cage.
+Error from_cage(Error error) {
+  if (!error.field.starts_with("cage")) error.field = error.field.empty() ? "cage" : "cage." + error.field;
+  return error;
+}
+
+template <int D>
+Status check(const CageInput& input) {
+  const Result<Cage<D>> cage = Cage<D>::create(input);
+  return cage.ok() ? Status(Done{}) : Status(from_cage(cage.error()));
+}
+
+}  // namespace
 
 Status check_digest(const CageDigest& actual, const std::optional<CageDigest>& expected,
                     const std::string& expected_path) {
@@ -13,14 +28,14 @@ Status check_digest(const CageDigest& actual, const std::optional<CageDigest>& e
                                  hexadecimal(*expected), expected->size_bytes, hexadecimal(actual), actual.size_bytes));
 }
 
+Status check_cage(const CageStorage& storage) {
+  return storage.dimension == 2 ? check<2>(storage.input()) : check<3>(storage.input());
+}
+
 CageCache::Found get_index(CageCache& cages, const CageDigest& digest, CageStorage storage, CageCache::Waiter waiter) {
   const auto build = [&storage]() -> Result<CageCache::Index> {
     Result<CageCache::Index> index = CageIndex::create(storage.input());
-    if (index.ok()) return index;
-    Error error = index.error();
-    // Whatever its origin, users see paths that start at the cage.
-    if (!error.field.starts_with("cage")) error.field = error.field.empty() ? "cage" : "cage." + error.field;
-    return error;
+    return index.ok() ? index : from_cage(index.error());
   };
   return cages.get(digest, build, std::move(waiter));
 }

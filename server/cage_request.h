@@ -17,6 +17,10 @@ namespace barycast::server {
 Status check_digest(const CageDigest& actual, const std::optional<CageDigest>& expected,
                     const std::string& expected_path);
 
+// Whether the cage's index could be built, without building it. Errors: those of Cage::create, with paths
+// from "cage".
+Status check_cage(const CageStorage& storage);
+
 // Builds the index of `storage` unless the cache holds it or another request builds it. `waiter` is
 // called exactly once, see CageCache. Errors: those of Cage::create, with paths from "cage".
 CageCache::Found get_index(CageCache& cages, const CageDigest& digest, CageStorage storage, CageCache::Waiter waiter);

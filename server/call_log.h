@@ -1,6 +1,6 @@
 #pragma once
 
-// Beginning and end of a call: admission while draining, counters, and its one line in the log.
+// Beginning and end of a call: whether it may begin, counters, and its one line in the log.
 
 #include <grpcpp/server_context.h>
 #include <grpcpp/support/server_callback.h>
@@ -9,6 +9,7 @@
 #include <chrono>
 #include <string>
 
+#include "request_record.h"
 #include "service_state.h"
 #include "status.h"
 
@@ -16,7 +17,7 @@ namespace barycast::server {
 
 class CallLog {
  public:
-  CallLog(ServiceState& state, const char* method, grpc::CallbackServerContext& context);
+  CallLog(ServiceState& state, Method method, grpc::CallbackServerContext& context);
   // Counts and logs, when gRPC is done with the call; drain waits for this.
   ~CallLog();
   CallLog(const CallLog&) = delete;
@@ -27,24 +28,28 @@ class CallLog {
   void mark_cancelled() { cancelled_ = true; }
   bool cancelled() const { return cancelled_; }
   const std::atomic<bool>& cancel_flag() const { return cancelled_; }
-  // What is about to be sent. `description`: "cage=... points=...".
-  void set_outcome(const grpc::Status& status, std::string description);
+  // What is about to be sent, and what was done for it.
+  void set_outcome(const grpc::Status& status, RequestFacts facts = {});
 
  private:
   ServiceState& state_;
-  const char* method_;
+  const Method method_;
   const std::string peer_;
   const std::chrono::system_clock::time_point deadline_;
   const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
   std::atomic<bool> cancelled_{false};
   grpc::StatusCode code_ = grpc::StatusCode::OK;
   std::string message_;
-  std::string description_;
+  RequestFacts facts_;
 };
 
-// What a call answers while the server drains, what a cancelled one ends with, and what one whose client
-// has sent nothing for too long.
-Refusal draining_refusal();
+// Why new work is refused, whatever it is: the self-test has not passed yet, or the server drains.
+std::optional<Refusal> closed(const ServiceState& state);
+
+// The call's x-cage-digest, or empty.
+std::string cage_digest_metadata(const grpc::CallbackServerContext& context);
+
+// What a cancelled call ends with, and one whose client has sent nothing for too long.
 Refusal cancelled_refusal();
 Refusal silent_refusal(std::chrono::milliseconds limit);
 

@@ -1,5 +1,6 @@
 #include "compute_arena.h"
 
+#include <chrono>
 #include <utility>
 
 namespace barycast::server {
@@ -15,7 +16,11 @@ ComputeArena::ComputeArena(int threads)
 }
 
 void ComputeArena::post(std::function<void()> task) {
-  arena_.enqueue(std::move(task));
+  using Clock = std::chrono::steady_clock;
+  arena_.enqueue([this, task = std::move(task), posted = Clock::now()] {
+    waits_.observe(std::chrono::duration<double>(Clock::now() - posted).count());
+    task();
+  });
 }
 
 }  // namespace barycast::server

@@ -9,6 +9,8 @@
 
 #include <functional>
 
+#include "counters.h"
+
 namespace barycast::server {
 
 class ComputeArena {
@@ -20,10 +22,13 @@ class ComputeArena {
   void post(std::function<void()> task);
 
   int threads() const { return threads_; }
+  // From posted to started: what a request waits for its turns.
+  const DurationHistogram& waits() const { return waits_; }
 
  private:
   const int threads_;
   tbb::global_control limit_;  // must exist before the arena asks for workers
+  DurationHistogram waits_;
   tbb::task_arena arena_;
 };
 

@@ -16,11 +16,6 @@ using Response = v1::ComputeCoordinatesResponse;
 // Messages that may be ready while another is being written.
 constexpr size_t kMessagesAhead = 1;
 
-std::string metadata_digest(const grpc::CallbackServerContext& context) {
-  const auto found = context.client_metadata().find("x-cage-digest");
-  return found == context.client_metadata().end() ? "" : std::string(found->second.data(), found->second.size());
-}
-
 // Two phases. Receiving: a chain of read -> task -> read, nothing else in flight; a refusal ends it at
 // once. It ends with the client's half-close, so that nothing is computed for a request that turns out to
 // be wrong. Answering: tasks produce, writes consume, and `pump` decides under the mutex what is next.
@@ -28,9 +23,9 @@ std::string metadata_digest(const grpc::CallbackServerContext& context) {
 class ComputeCall final : public grpc::ServerBidiReactor<Request, Response> {
  public:
   ComputeCall(ServiceState& state, grpc::CallbackServerContext& context)
-      : state_(state), log_(state, "ComputeCoordinates", context), job_(state, metadata_digest(context)) {
-    if (state.draining) {
-      conclude(draining_refusal());
+      : state_(state), log_(state, Method::kComputeCoordinates, context), job_(state, cage_digest_metadata(context)) {
+    if (const std::optional<Refusal> refusal = closed(state)) {
+      conclude(*refusal);
     } else {
       read();
     }
@@ -134,7 +129,7 @@ class ComputeCall final : public grpc::ServerBidiReactor<Request, Response> {
 
   void send(const grpc::Status status) {
     job_.close();
-    log_.set_outcome(status, job_.description());
+    log_.set_outcome(status, job_.facts());
     Finish(status);
   }
 

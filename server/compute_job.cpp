@@ -1,8 +1,5 @@
 #include "compute_job.h"
 
-#include <fmt/format.h>
-
-#include <algorithm>
 #include <utility>
 
 #include "cage_request.h"
@@ -11,24 +8,7 @@
 namespace barycast::server {
 namespace {
 
-// Where the client leaves it to us, even dense rows stay below the 4 MiB that gRPC clients accept unless
-// told otherwise; where it does not, two blocks on their way must not outweigh the request itself.
-constexpr uint64_t kBlockBytesDefault = 3ull << 20;
-constexpr uint64_t kBlockBytesMax = 64ull << 20;
-constexpr uint32_t kBlockRowsDefault = 4096;
 constexpr std::chrono::milliseconds kReportInterval{100};
-
-Refusal refuse(Error error) {
-  return {.error = std::move(error), .missing_digest = {}, .retry_after_ms = {}};
-}
-
-Refusal missing_cage(const CageDigest& digest) {
-  Refusal refusal =
-      refuse({ErrorCode::kFailedPrecondition, "header.cage_digest",
-              fmt::format("this server does not hold cage {}; upload it, or send it inline", hexadecimal(digest))});
-  refusal.missing_digest = hexadecimal(digest);
-  return refusal;
-}
 
 }  // namespace
 
@@ -70,88 +50,57 @@ void ComputeJob::start(const v1::ComputeHeader& header, Then then) {
 
 std::optional<Refusal> ComputeJob::open(const v1::ComputeHeader& header, std::optional<CageStorage>& cage,
                                         CageDigest& digest) {
-  Result<ComputePlan> plan = decode_header(header, state_.limits);
-  if (!plan) return refuse(plan.error());
-  plan_ = std::move(*plan);
-  cage = std::exchange(plan_->cage, std::nullopt);
-  digest = cage ? barycast::digest(cage->input()) : *plan_->digest;
-  digest_text_ = hexadecimal(digest);
-  if (Status same = check_digest(digest, plan_->digest, "header.expected_digest"); !same) return refuse(same.error());
-  if (std::optional<Refusal> refusal = check_metadata(digest)) return refusal;
-  if (!cage) return std::nullopt;
-  return admit({.dimension = cage->dimension,
-                .control_vertices = cage->control_vertex_count(),
-                .stencil_max = cage->stencil_max()});
-}
-
-std::optional<Refusal> ComputeJob::check_metadata(const CageDigest& digest) const {
-  if (metadata_digest_.empty() || metadata_digest_ == hexadecimal(digest)) return std::nullopt;
-  return refuse(
-      invalid_argument("metadata.x-cage-digest",
-                       fmt::format("is not the cage's digest, {}; send that, or leave it out", hexadecimal(digest))));
+  Result<Understood> understood = understand(decode_header(header, state_.limits), metadata_digest_);
+  if (!understood) return refuse(understood.error());
+  plan_ = std::move(understood->plan);
+  cage = std::move(understood->cage);
+  digest = understood->digest;
+  facts_.cage = hexadecimal(digest);
+  facts_.points = plan_->counts.points;
+  facts_.faces = plan_->counts.faces;
+  return cage ? admit(size_of(*cage)) : std::nullopt;
 }
 
 std::optional<Refusal> ComputeJob::use_index(Result<CageCache::Index> index, bool cache_hit) {
   if (!index) return refuse(index.error());
   index_ = std::move(*index);
-  cache_hit_ = cache_hit;
+  facts_.cache_hit = cache_hit;
   if (!ticket_) {
-    if (std::optional<Refusal> refusal = admit({.dimension = index_->dimension(),
-                                                .control_vertices = index_->control_vertex_count(),
-                                                .stencil_max = index_->stencil_max()}))
-      return refusal;
+    if (std::optional<Refusal> refusal = admit(size_of(*index_))) return refusal;
   }
   assembler_.emplace(plan_->counts, index_->dimension());
   cage_s_ = std::chrono::duration<double>(Clock::now() - cage_start_).count();
   return std::nullopt;
 }
 
-std::optional<Refusal> ComputeJob::admit(BindingSize size) {
-  if (const Status fits = check_dimension(plan_->options, size.dimension); !fits)
-    return refuse(invalid_argument("header.output." + fits.error().field, fits.error().message));
-  size.points = plan_->counts.points;
-  size.face_corners = plan_->counts.corners;
-  size.block_rows = choose_block_rows(size.dimension, size.control_vertices);
-  size.threads = static_cast<uint64_t>(state_.arena.threads());
-  const uint64_t bytes = estimate_memory_bytes(size, plan_->options);
-  if (bytes > state_.limits.request_bytes_max) {
-    return refuse({ErrorCode::kResourceExhausted, "header.queries",
-                   fmt::format("about {} bytes of working memory, more than this server's limit of {}; cut the points "
-                               "into several requests, or set denoise to none",
-                               bytes, state_.limits.request_bytes_max)});
-  }
-  auto entered = state_.admission.enter(bytes);
+std::optional<Refusal> ComputeJob::admit(const BindingSize& cage_size) {
+  facts_.control_vertices = cage_size.control_vertices;
+  const Result<RequestCost> cost = price(*plan_, cage_size, state_.limits, state_.arena.threads());
+  if (!cost) return refuse(cost.error());
+  block_rows_ = cost->block_rows;
+  auto entered = state_.admission.enter(cost->admitted_bytes);
   if (Refusal* busy = std::get_if<Refusal>(&entered)) return std::move(*busy);
   ticket_ = std::move(std::get<std::unique_ptr<Admission::Ticket>>(entered));
   return std::nullopt;
-}
-
-uint32_t ComputeJob::choose_block_rows(int dimension, uint64_t control_vertices) const {
-  // Asked before the cage is known to be sound: it may have no vertices at all.
-  const uint64_t row_bytes =
-      std::max<uint64_t>(1, control_vertices * entry_bytes(dimension, plan_->options.gradients, plan_->float64));
-  const bool asked = plan_->block_rows != 0;
-  const uint64_t fit = std::max<uint64_t>(1, (asked ? kBlockBytesMax : kBlockBytesDefault) / row_bytes);
-  const uint32_t wanted = asked ? plan_->block_rows : std::min(kBlockRowsDefault, state_.limits.block_rows_max);
-  return static_cast<uint32_t>(std::min<uint64_t>(wanted, fit));
 }
 
 std::variant<ComputeJob::Response, Refusal> ComputeJob::end_of_input(const std::atomic<bool>& cancel) {
   if (!plan_) return refuse(invalid_argument("header", "missing; the first message must be the header"));
   Result<QueryInput> queries = assembler_->take();
   if (!queries) return refuse(queries.error());
-  const uint32_t block_rows = choose_block_rows(index_->dimension(), index_->control_vertex_count());
   Result<std::unique_ptr<Binding>> binding =
       Binding::create(index_, std::move(*queries),
-                      {.options = plan_->options, .block_rows = block_rows, .first_row = plan_->first_row}, cancel);
+                      {.options = plan_->options, .block_rows = block_rows_, .first_row = plan_->first_row}, cancel);
   if (!binding) return refuse(binding.error());
+  if (const Status same = check_resumed_smoothing(*plan_, (*binding)->smoothing_time()); !same)
+    return refuse(same.error());
   binding_ = std::move(*binding);
   return encode_header({.digest = index_->digest(),
-                        .cage_cache_hit = cache_hit_,
+                        .cage_cache_hit = facts_.cache_hit.value_or(false),
                         .options = plan_->options,
                         .smoothing_time = binding_->smoothing_time(),
                         .float64 = plan_->float64,
-                        .block_rows = block_rows,
+                        .block_rows = block_rows_,
                         .control_vertex_count = index_->control_vertex_count()});
 }
 
@@ -186,18 +135,18 @@ std::optional<ComputeJob::Response> ComputeJob::progress_message() {
 }
 
 void ComputeJob::close() {
-  if (binding_) summary_ = binding_->summary();
+  if (binding_) {
+    summary_ = binding_->summary();
+    facts_.stages = {cage_s_, summary_.sampling_s, summary_.smoothing_factor_s, summary_.smoothing_solve_s,
+                     summary_.rows_s};
+  }
+  facts_.samples = summary_.samples;
+  facts_.rows = summary_.rows;
+  facts_.entries = summary_.entries;
   binding_.reset();
   assembler_.reset();
   index_.reset();
   ticket_.reset();
-}
-
-std::string ComputeJob::description() const {
-  const QueryCounts counts = plan_ ? plan_->counts : QueryCounts{};
-  return fmt::format("cage={} cache={} points={} faces={} samples={} rows={} entries={}", digest_text_,
-                     cache_hit_ ? "hit" : "miss", counts.points, counts.faces, summary_.samples, summary_.rows,
-                     summary_.entries);
 }
 
 }  // namespace barycast::server

@@ -18,9 +18,9 @@
 #include <variant>
 
 #include "barycast/v1/barycast.pb.h"
-#include "bind/cost.h"
 #include "query_assembler.h"
 #include "refusal.h"
+#include "request_cost.h"
 #include "service_state.h"
 
 namespace barycast::server {
@@ -47,8 +47,8 @@ class ComputeJob {
   Step step(const std::atomic<bool>& cancel, bool report);
 
   void close();
-  // Digest, sizes and counts so far, for the log: "cage=... points=...".
-  std::string description() const;
+  // What is known by now; counts and times are complete after close().
+  const RequestFacts& facts() const { return facts_; }
 
  private:
   using Then = std::function<void(std::optional<Refusal>)>;
@@ -56,20 +56,18 @@ class ComputeJob {
   // Understands the header. `cage`: the one it brings, if it does. `digest`: of the cage, brought or named.
   std::optional<Refusal> open(const v1::ComputeHeader& header, std::optional<CageStorage>& cage, CageDigest& digest);
   std::optional<Refusal> collect(const v1::ComputeCoordinatesRequest& message);
-  std::optional<Refusal> check_metadata(const CageDigest& digest) const;
   std::optional<Refusal> use_index(Result<CageCache::Index> index, bool cache_hit);
-  std::optional<Refusal> admit(BindingSize size);  // the rest of it is filled in
-  uint32_t choose_block_rows(int dimension, uint64_t control_vertices) const;
+  std::optional<Refusal> admit(const BindingSize& cage_size);
   std::optional<Response> progress_message();
 
   using Clock = std::chrono::steady_clock;
   ServiceState& state_;
   const std::string metadata_digest_;
   std::optional<ComputePlan> plan_;
-  std::string digest_text_ = "-";
+  RequestFacts facts_;
+  uint32_t block_rows_ = 0;
   Clock::time_point cage_start_;
   double cage_s_ = 0.0;
-  bool cache_hit_ = false;
   std::unique_ptr<Admission::Ticket> ticket_;
   CageCache::Index index_;
   std::optional<QueryAssembler> assembler_;

@@ -1,15 +1,18 @@
 #include "daemon.h"
 
 #include <fmt/format.h>
-#include <grpcpp/ext/health_check_service_server_builder_option.h>
+#include <grpc/support/log.h>
+#include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/grpcpp.h>
 #include <grpcpp/health_check_service_interface.h>
 
 #include <future>
+#include <mutex>
 
 #include "health.grpc.pb.h"
+#include "log.h"
 #include "machine.h"
-#include "self_test.h"
+#include "metrics.h"
 #include "service.h"
 
 namespace barycast::server {
@@ -24,6 +27,13 @@ bool is_unix(const std::string& address) {
   return address.starts_with("unix:");
 }
 
+// gRPC's own complaints become events of our log, in its format.
+void route_grpc_log() {
+  gpr_set_log_function([](gpr_log_func_args* args) {
+    log_event(args->severity == GPR_LOG_SEVERITY_ERROR ? "error" : "debug", std::string("grpc: ") + args->message);
+  });
+}
+
 class GrpcDaemon final : public Daemon {
  public:
   explicit GrpcDaemon(const DaemonSettings& settings)
@@ -36,8 +46,13 @@ class GrpcDaemon final : public Daemon {
 
   ~GrpcDaemon() override { stop(std::chrono::milliseconds(0)); }
 
-  Status serve(const std::string& listen) {
-    grpc::EnableDefaultHealthCheckService(true);
+  Status listen(const std::string& listen) {
+    static std::once_flag once;
+    std::call_once(once, [] {
+      route_grpc_log();
+      grpc::EnableDefaultHealthCheckService(true);
+      grpc::reflection::InitProtoReflectionServerBuilderPlugin();
+    });
     grpc::ServerBuilder builder;
     int port = 0;
     builder.AddListeningPort(listen, grpc::InsecureServerCredentials(), &port);
@@ -56,17 +71,33 @@ class GrpcDaemon final : public Daemon {
       return invalid_argument("listen", fmt::format("cannot bind {}; is the address right, and free?", listen));
     }
     address_ = is_unix(listen) ? listen : listen.substr(0, listen.rfind(':') + 1) + std::to_string(port);
-    server_->GetHealthCheckService()->SetServingStatus(kServiceName, true);
+    // Both names exist from now on, so that Watch has something to tell.
+    server_->GetHealthCheckService()->SetServingStatus(kServiceName, false);
+    server_->GetHealthCheckService()->SetServingStatus(false);
     return Done{};
   }
 
-  Status test() {
+  Status expose(const std::string& metrics_listen) {
+    if (metrics_listen.empty()) return Done{};
+    Result<std::unique_ptr<Metrics>> metrics = Metrics::listen(metrics_listen, state_);
+    if (!metrics) return metrics.error();
+    metrics_ = std::move(*metrics);
+    metrics_address_ = metrics_->address();
+    return Done{};
+  }
+
+  // Ready once `self_test` has passed, on the threads that will compute.
+  Status get_ready(const std::function<Status()>& self_test) {
     std::promise<Status> promise;
-    state_.arena.post([&promise] { promise.set_value(self_test()); });
-    return promise.get_future().get();
+    state_.arena.post([&] { promise.set_value(self_test()); });
+    if (Status tested = promise.get_future().get(); !tested) return tested;
+    state_.ready = true;
+    server_->GetHealthCheckService()->SetServingStatus(true);
+    return Done{};
   }
 
   const std::string& address() const override { return address_; }
+  const std::string& metrics_address() const override { return metrics_address_; }
   int threads() const override { return state_.arena.threads(); }
   const Counters& counters() const override { return state_.counters; }
   bool busy() const override { return state_.counters.calls_active > 0; }
@@ -87,15 +118,17 @@ class GrpcDaemon final : public Daemon {
   ServiceState state_;
   std::unique_ptr<grpc::Service> service_;
   std::unique_ptr<grpc::Server> server_;
-  std::string address_;
+  std::unique_ptr<Metrics> metrics_;
+  std::string address_, metrics_address_;
 };
 
 }  // namespace
 
 Result<std::unique_ptr<Daemon>> Daemon::start(const DaemonSettings& settings) {
   auto daemon = std::make_unique<GrpcDaemon>(settings);
-  if (Status tested = daemon->test(); !tested) return tested.error();
-  if (Status serving = daemon->serve(settings.listen); !serving) return serving.error();
+  if (Status listening = daemon->listen(settings.listen); !listening) return listening.error();
+  if (Status exposed = daemon->expose(settings.metrics_listen); !exposed) return exposed.error();
+  if (Status ready = daemon->get_ready(settings.self_test); !ready) return ready.error();
   return Result<std::unique_ptr<Daemon>>(std::move(daemon));
 }
 

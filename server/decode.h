@@ -54,8 +54,14 @@ struct ComputePlan {
   bool float64 = false;
   uint32_t block_rows = 0;  // 0: as fits
   uint64_t first_row = 0;
+  std::optional<double> resumed_smoothing_time;  // of a resume: what the first answer said, 0 without denoising
 };
 
 Result<ComputePlan> decode_header(const v1::ComputeHeader& header, const Limits& limits);
+// The same decisions, with the same paths, about a request that is only priced.
+Result<ComputePlan> decode_header(const v1::EstimateCostRequest& request, const Limits& limits);
+
+// `smoothing_time`: what the computation will use. Errors: kFailedPrecondition, a resume that expects another.
+Status check_resumed_smoothing(const ComputePlan& plan, double smoothing_time);
 
 }  // namespace barycast::server

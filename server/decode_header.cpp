@@ -120,20 +120,17 @@ Status decode_output(const v1::OutputOptions& in, const Limits& limits, ComputeP
   return Done{};
 }
 
-Status decode_cage_choice(const v1::ComputeHeader& header, const Limits& limits, ComputePlan& plan) {
-  if (header.has_expected_digest()) {
-    Result<CageDigest> expected = decode_digest(header.expected_digest(), "header.expected_digest");
-    if (!expected) return expected.error();
-    plan.digest = *expected;
-  }
-  if (header.has_inline_cage()) {
-    Result<CageStorage> cage = decode_cage(header.inline_cage(), limits);
+// The cage of either message that names one.
+template <class Message>
+Status decode_cage_choice(const Message& message, const Limits& limits, ComputePlan& plan) {
+  if (message.has_inline_cage()) {
+    Result<CageStorage> cage = decode_cage(message.inline_cage(), limits);
     if (!cage) return cage.error();
     plan.cage = std::move(*cage);
     return Done{};
   }
-  if (!header.has_cage_digest()) return invalid_argument("header", "no cage; set inline_cage or cage_digest");
-  Result<CageDigest> named = decode_digest(header.cage_digest(), "header.cage_digest");
+  if (!message.has_cage_digest()) return invalid_argument("header", "no cage; set inline_cage or cage_digest");
+  Result<CageDigest> named = decode_digest(message.cage_digest(), "header.cage_digest");
   if (!named) return named.error();
   if (plan.digest && *plan.digest != *named) {
     return invalid_argument("header.expected_digest", "differs from header.cage_digest; leave one out");
@@ -142,6 +139,28 @@ Status decode_cage_choice(const v1::ComputeHeader& header, const Limits& limits,
   return Done{};
 }
 
+// All but the cage. Small fields first: a cage is copied only for a request that is otherwise sound.
+template <class Message>
+Result<ComputePlan> decode_choices(const Message& message, const Limits& limits) {
+  ComputePlan plan{};
+  Result<QueryCounts> counts = decode_counts(message.queries(), limits);
+  if (!counts) return counts.error();
+  plan.counts = *counts;
+  Result<Options> options = decode_options(message.options(), message.output(), limits);
+  if (!options) return options.error();
+  Result<ResolvedOptions> resolved = resolve(*options, plan.counts.faces > 0);
+  if (!resolved) {
+    Error error = resolved.error();
+    error.field = error.field.empty() ? "header.options" : "header.options." + error.field;
+    return error;
+  }
+  plan.options = *resolved;
+  if (Status s = decode_output(message.output(), limits, plan); !s) return s.error();
+  return plan;
+}
+
+// Smoothing with a time that differs from the first answer's would join rows of two different fields. A time
+// that follows from the mesh is compared later, when it is known.
 Status decode_resume(const v1::Resume& resume, ComputePlan& plan) {
   if (resume.first_row() >= plan.counts.points) {
     return invalid_argument("header.resume.first_row",
@@ -153,31 +172,41 @@ Status decode_resume(const v1::Resume& resume, ComputePlan& plan) {
                              resume.numerics_version(), kNumericsVersion)};
   }
   plan.first_row = resume.first_row();
-  return Done{};
+  plan.resumed_smoothing_time = resume.smoothing_time();
+  const bool smoothed = plan.options.denoise == Denoise::kMesh;
+  if (smoothed && !plan.options.smoothing_time) return Done{};
+  return check_resumed_smoothing(plan, smoothed ? *plan.options.smoothing_time : 0.0);
 }
 
 }  // namespace
 
+Status check_resumed_smoothing(const ComputePlan& plan, double smoothing_time) {
+  if (!plan.resumed_smoothing_time || *plan.resumed_smoothing_time == smoothing_time) return Done{};
+  return Error{ErrorCode::kFailedPrecondition, "header.resume.smoothing_time",
+               fmt::format("{:.17g}, but these options and faces smooth with {:.17g}; send what the first answer's "
+                           "header said, and otherwise the same request",
+                           *plan.resumed_smoothing_time, smoothing_time)};
+}
+
 Result<ComputePlan> decode_header(const v1::ComputeHeader& header, const Limits& limits) {
-  ComputePlan plan{};
-  // Small fields first: a cage is copied only for a request that is otherwise sound.
-  Result<QueryCounts> counts = decode_counts(header.queries(), limits);
-  if (!counts) return counts.error();
-  plan.counts = *counts;
-  Result<Options> options = decode_options(header.options(), header.output(), limits);
-  if (!options) return options.error();
-  Result<ResolvedOptions> resolved = resolve(*options, plan.counts.faces > 0);
-  if (!resolved) {
-    Error error = resolved.error();
-    error.field = error.field.empty() ? "header.options" : "header.options." + error.field;
-    return error;
-  }
-  plan.options = *resolved;
-  if (Status s = decode_output(header.output(), limits, plan); !s) return s.error();
+  Result<ComputePlan> plan = decode_choices(header, limits);
+  if (!plan) return plan;
   if (header.has_resume()) {
-    if (Status s = decode_resume(header.resume(), plan); !s) return s.error();
+    if (Status s = decode_resume(header.resume(), *plan); !s) return s.error();
   }
-  if (Status s = decode_cage_choice(header, limits, plan); !s) return s.error();
+  if (header.has_expected_digest()) {
+    Result<CageDigest> expected = decode_digest(header.expected_digest(), "header.expected_digest");
+    if (!expected) return expected.error();
+    plan->digest = *expected;
+  }
+  if (Status s = decode_cage_choice(header, limits, *plan); !s) return s.error();
+  return plan;
+}
+
+Result<ComputePlan> decode_header(const v1::EstimateCostRequest& request, const Limits& limits) {
+  Result<ComputePlan> plan = decode_choices(request, limits);
+  if (!plan) return plan;
+  if (Status s = decode_cage_choice(request, limits, *plan); !s) return s.error();
   return plan;
 }
 

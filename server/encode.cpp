@@ -2,6 +2,9 @@
 
 #include <cstring>
 
+#include "kinds.h"
+#include "request_cost.h"
+
 namespace barycast::server {
 namespace {
 
@@ -30,19 +33,21 @@ void encode_float(const std::vector<double>& values, uint32_t columns, bool floa
   }
 }
 
+v1::CoordinateKind encode_kind(CoordinateKind kind) {
+  switch (kind) {
+    case CoordinateKind::kHarmonic:
+      return v1::COORDINATE_KIND_HARMONIC;
+    case CoordinateKind::kMeanValue:
+      return v1::COORDINATE_KIND_MEAN_VALUE;
+    case CoordinateKind::kPositiveMeanValue:
+      return v1::COORDINATE_KIND_POSITIVE_MEAN_VALUE;
+  }
+  return v1::COORDINATE_KIND_UNSPECIFIED;
+}
+
 void encode_options(const ResponseFacts& facts, v1::ComputeOptions& out) {
   const ResolvedOptions& options = facts.options;
-  switch (options.coordinates) {
-    case CoordinateKind::kHarmonic:
-      out.set_coordinates(v1::COORDINATE_KIND_HARMONIC);
-      break;
-    case CoordinateKind::kMeanValue:
-      out.set_coordinates(v1::COORDINATE_KIND_MEAN_VALUE);
-      break;
-    case CoordinateKind::kPositiveMeanValue:
-      out.set_coordinates(v1::COORDINATE_KIND_POSITIVE_MEAN_VALUE);
-      break;
-  }
+  out.set_coordinates(encode_kind(options.coordinates));
   out.set_preset(options.preset == Preset::kPaper ? v1::PRESET_PAPER : v1::PRESET_DEFAULT);
   out.set_samples(options.samples);
   out.set_seed(options.seed);
@@ -149,9 +154,7 @@ v1::Warning encode_warning(const Warning& warning) {
 
 v1::GetCapabilitiesResponse encode_capabilities(const Limits& limits, const std::string& build_version) {
   v1::GetCapabilitiesResponse response;
-  for (const v1::CoordinateKind kind :
-       {v1::COORDINATE_KIND_HARMONIC, v1::COORDINATE_KIND_MEAN_VALUE, v1::COORDINATE_KIND_POSITIVE_MEAN_VALUE})
-    response.add_coordinates(kind);
+  for (const CoordinateKind kind : built_kinds()) response.add_coordinates(encode_kind(kind));
   response.add_presets(v1::PRESET_DEFAULT);
   response.add_presets(v1::PRESET_PAPER);
   v1::ElementSupport& plane = *response.add_elements();
@@ -172,6 +175,12 @@ v1::GetCapabilitiesResponse encode_capabilities(const Limits& limits, const std:
   response.set_build_version(build_version);
   response.set_numerics_version(kNumericsVersion);
   return response;
+}
+
+void encode_cost(const RequestCost& cost, v1::EstimateCostResponse& response) {
+  response.set_memory_bytes(cost.memory_bytes);
+  response.set_samples(cost.samples);
+  response.set_output_bytes(cost.output_bytes);
 }
 
 uint64_t entry_bytes(int dimension, bool gradients, bool float64) {

@@ -31,6 +31,8 @@ v1::ComputeCoordinatesResponse encode_summary(const BindingSummary& summary, dou
 
 v1::CageDigest encode_digest(const CageDigest& digest);
 v1::Warning encode_warning(const Warning& warning);
+struct RequestCost;
+void encode_cost(const RequestCost& cost, v1::EstimateCostResponse& response);
 v1::GetCapabilitiesResponse encode_capabilities(const Limits& limits, const std::string& build_version);
 
 // Bytes of one entry of a row: index, value, gradient.

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "decode_array.h"
@@ -19,6 +20,14 @@ Error too_few(const char* field, uint64_t count, uint64_t announced, const char*
                           fmt::format("{} in all, but header.queries.{} is {}", count, announced_field, announced));
 }
 
+// Grows by doubling, but never beyond what was announced: memory stays what admission was told. `needed` is what has
+// arrived, so that an announcement alone takes nothing.
+template <class T>
+void make_room(std::vector<T>& list, uint64_t needed, uint64_t announced) {
+  if (needed <= list.capacity()) return;
+  list.reserve(std::max(needed, std::min<uint64_t>(announced, 2 * list.capacity())));
+}
+
 }  // namespace
 
 Status QueryAssembler::add(const v1::PointBlock& block) {
@@ -27,6 +36,9 @@ Status QueryAssembler::add(const v1::PointBlock& block) {
   if (block.points().rows() > announced_.points - before) {
     return too_many("points.points.rows", before + block.points().rows(), announced_.points, "point_count");
   }
+  const uint64_t scalar = block.points().type() == v1::DATA_TYPE_FLOAT32 ? sizeof(float) : sizeof(double);
+  make_room(queries_.points, queries_.points.size() + block.points().data().size() / scalar,
+            announced_.points * dimension);
   if (Status s = append_float(block.points(), static_cast<uint32_t>(dimension_), "points.points", queries_.points);
       !s) {
     return s;
@@ -56,6 +68,8 @@ Status QueryAssembler::add(const v1::FaceBlock& block) {
 
 Status QueryAssembler::append_faces(const std::vector<uint32_t>& counts, const std::vector<uint32_t>& corners) {
   std::vector<uint32_t>& offsets = queries_.face_offsets;
+  make_room(offsets, offsets.size() + counts.size() + 1, announced_.faces + 1);
+  make_room(queries_.face_corners, queries_.face_corners.size() + corners.size(), announced_.corners);
   if (offsets.empty() && !counts.empty()) offsets.push_back(0);
   size_t next = 0;
   for (uint32_t count : counts) {

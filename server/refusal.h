@@ -17,7 +17,7 @@ struct Refusal {
   Error error;
   std::optional<std::string> missing_digest;  // hexadecimal: a cage to upload
   std::optional<uint32_t> retry_after_ms;     // waiting helps
-  bool draining = false;                      // another replica helps
+  bool draining = false;                      // another replica helps, or this one later
 };
 
 // Runs `work` and turns running out of memory, or any other exception, into a refusal: nothing may

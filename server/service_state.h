@@ -19,7 +19,8 @@ struct ServiceState {
   CageCache cages;
   Admission admission;
   Counters counters;
-  std::atomic<bool> draining{false};  // new calls are refused
+  std::atomic<bool> ready{false};     // the self-test has passed; until then computations are refused
+  std::atomic<bool> draining{false};  // new computations are refused
 };
 
 }  // namespace barycast::server

@@ -11,7 +11,5 @@
 namespace barycast::server {
 
 grpc::Status to_status(const Refusal& refusal);
-// Name of a status code, for the log: "OK", "INVALID_ARGUMENT".
-const char* code_name(grpc::StatusCode code);
 
 }  // namespace barycast::server

@@ -16,7 +16,7 @@ constexpr uint64_t kSerializedExtraBytes = 4096;
 class UploadCall final : public grpc::ServerReadReactor<v1::UploadCageRequest> {
  public:
   UploadCall(ServiceState& state, grpc::CallbackServerContext& context, v1::UploadCageResponse& response)
-      : state_(state), log_(state, "UploadCage", context), response_(response) {
+      : state_(state), log_(state, Method::kUploadCage, context), response_(response) {
     if (std::optional<Refusal> refusal = admit()) {
       conclude(*refusal);
     } else {
@@ -36,7 +36,7 @@ class UploadCall final : public grpc::ServerReadReactor<v1::UploadCageRequest> {
 
  private:
   std::optional<Refusal> admit() {
-    if (state_.draining) return draining_refusal();
+    if (std::optional<Refusal> refusal = closed(state_)) return refusal;
     // Twice the limit: the bytes, and the arrays decoded from them.
     auto entered = state_.admission.enter(2 * state_.limits.cage_bytes_max);
     if (Refusal* busy = std::get_if<Refusal>(&entered)) return std::move(*busy);
@@ -77,7 +77,8 @@ class UploadCall final : public grpc::ServerReadReactor<v1::UploadCageRequest> {
     CageStorage cage;
     CageDigest digest;
     if (const std::optional<Refusal> refusal = guarded([&] { return open(cage, digest); })) return conclude(*refusal);
-    get_index(state_.cages, digest, std::move(cage), [this](Result<CageCache::Index> index, CageCache::Found) {
+    get_index(state_.cages, digest, std::move(cage), [this](Result<CageCache::Index> index, CageCache::Found found) {
+      facts_.cache_hit = found == CageCache::Found::kHit;
       if (!index) return conclude({index.error(), {}, {}});
       if (!state_.cages.contains((*index)->digest())) {
         return conclude({{ErrorCode::kResourceExhausted, "cage",
@@ -99,7 +100,8 @@ class UploadCall final : public grpc::ServerReadReactor<v1::UploadCageRequest> {
     if (!decoded) return Refusal{decoded.error(), {}, {}};
     cage = std::move(*decoded);
     digest = barycast::digest(cage.input());
-    description_ = "cage=" + hexadecimal(digest);
+    facts_.cage = hexadecimal(digest);
+    facts_.control_vertices = cage.control_vertex_count();
     if (Status same = check_digest(digest, expected_, "expected_digest"); !same) return Refusal{same.error(), {}, {}};
     return std::nullopt;
   }
@@ -109,7 +111,7 @@ class UploadCall final : public grpc::ServerReadReactor<v1::UploadCageRequest> {
   // The last thing done with `this`.
   void send(const grpc::Status& status) {
     ticket_.reset();
-    log_.set_outcome(status, description_);
+    log_.set_outcome(status, facts_);
     Finish(status);
   }
 
@@ -122,7 +124,7 @@ class UploadCall final : public grpc::ServerReadReactor<v1::UploadCageRequest> {
   bool first_ = true;
   std::optional<CageDigest> expected_;
   std::string bytes_;
-  std::string description_ = "cage=-";
+  RequestFacts facts_;
 };
 
 }  // namespace

@@ -53,6 +53,9 @@ TEST(CageCache, EvictsTheLeastRecentlyUsed) {
   EXPECT_TRUE(cache.contains(a.digest));
   EXPECT_TRUE(cache.contains(c.digest));
   EXPECT_EQ(cache.bytes(), bytes_of(a) + bytes_of(c));
+  EXPECT_EQ(cache.stats().hits, 1u);
+  EXPECT_EQ(cache.stats().misses, 3u);
+  EXPECT_EQ(cache.stats().evictions, 1u);
 }
 
 TEST(CageCache, ServesButDoesNotKeepWhatIsTooLarge) {

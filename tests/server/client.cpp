@@ -136,11 +136,28 @@ Outcome Client::capabilities(v1::GetCapabilitiesResponse& response) {
   return outcome(stubs_->api->GetCapabilities(&context, {}, &response));
 }
 
-Outcome Client::estimate() {
+Outcome Client::estimate(const v1::EstimateCostRequest& request, v1::EstimateCostResponse& response,
+                         const CallSettings& settings) {
   grpc::ClientContext context;
-  prepare(context, {});
-  v1::EstimateCostResponse response;
-  return outcome(stubs_->api->EstimateCost(&context, {}, &response));
+  prepare(context, settings);
+  return outcome(stubs_->api->EstimateCost(&context, request, &response));
+}
+
+std::string Client::watch(const std::string& service, int count, const std::function<void(int)>& seen) {
+  grpc::ClientContext context;
+  prepare(context, {.deadline = std::chrono::milliseconds(10'000)});
+  grpc::health::v1::HealthCheckRequest request;
+  request.set_service(service);
+  const auto reader = stubs_->health->Watch(&context, request);
+  std::string states;
+  grpc::health::v1::HealthCheckResponse response;
+  for (int i = 0; i < count && reader->Read(&response); ++i) {
+    states += (i > 0 ? "," : "") + grpc::health::v1::HealthCheckResponse::ServingStatus_Name(response.status());
+    seen(i);
+  }
+  context.TryCancel();
+  reader->Finish();
+  return states;
 }
 
 std::string Client::health(const std::string& service) {

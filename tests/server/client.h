@@ -4,6 +4,7 @@
 // can wait for ever.
 
 #include <chrono>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -74,9 +75,13 @@ class Client {
   Outcome upload(const std::vector<v1::UploadCageRequest>& pieces, v1::UploadCageResponse& response);
   Outcome find_missing(const v1::FindMissingCagesRequest& request, v1::FindMissingCagesResponse& response);
   Outcome capabilities(v1::GetCapabilitiesResponse& response);
-  Outcome estimate();
+  Outcome estimate(const v1::EstimateCostRequest& request, v1::EstimateCostResponse& response,
+                   const CallSettings& settings = {});
   // "SERVING", "NOT_SERVING", ..., or the status's number where there is no answer.
   std::string health(const std::string& service);
+  // Watches a service's health until it was told `count` states, or for ten seconds: "SERVING,NOT_SERVING".
+  // `seen` is called after each.
+  std::string watch(const std::string& service, int count, const std::function<void(int)>& seen);
 
  private:
   struct Stubs;

@@ -1,6 +1,9 @@
 // What a well-behaved client sees.
 
+#include <unistd.h>
+
 #include <cmath>
+#include <future>
 
 #include "decode.h"
 #include "fixture.h"
@@ -146,22 +149,6 @@ TEST_F(Service, HitAndMissGiveTheSameBytes) {
   EXPECT_EQ(row_bytes(miss), row_bytes(hit));
 }
 
-TEST_F(Service, ResumesFromARow) {
-  const std::vector<double> x = inner_points(100);
-  const Answer whole = client_->compute({header(100), points(x)});
-  auto head = header(100);
-  head.mutable_header()->mutable_resume()->set_first_row(60);
-  head.mutable_header()->mutable_resume()->set_numerics_version(whole.header->numerics_version());
-  const Answer rest = client_->compute({head, points(x)});
-  ASSERT_EQ(rest.code, kOk) << rest.message;
-  EXPECT_EQ(rest.rows.at(0).first_row(), 60u);
-  EXPECT_EQ(rest.summary->row_count(), 40u);
-  const auto all = numbers<double>(whole.rows.at(0).values());
-  const auto some = numbers<double>(rest.rows.at(0).values());
-  const uint32_t skip = numbers<uint32_t>(whole.rows[0].offsets())[60];
-  EXPECT_EQ(std::vector<double>(all.begin() + skip, all.end()), some);
-}
-
 TEST_F(Service, OdditiesAreWarnings) {
   v1::Cage cage = tetrahedron();
   *cage.mutable_control_vertices() = doubles(3, {0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 5, 5, 5});
@@ -174,19 +161,19 @@ TEST_F(Service, OdditiesAreWarnings) {
 TEST_F(Service, CapabilitiesListOnlyWhatIsBuilt) {
   v1::GetCapabilitiesResponse reply;
   ASSERT_EQ(client_->capabilities(reply).code, kOk);
-  ASSERT_EQ(reply.coordinates_size(), 3);
-  for (const int kind : reply.coordinates()) {
+  std::vector<int> listed(reply.coordinates().begin(), reply.coordinates().end()), accepted;
+  for (int kind = v1::COORDINATE_KIND_HARMONIC; v1::CoordinateKind_IsValid(kind); ++kind) {
     auto head = header(1);
     head.mutable_header()->mutable_options()->set_coordinates(static_cast<v1::CoordinateKind>(kind));
-    EXPECT_EQ(client_->compute({head, points({0.1, 0.2, 0.3})}).code, kOk) << kind;
+    if (client_->compute({head, points({0.1, 0.2, 0.3})}).code != kUnimplemented) accepted.push_back(kind);
   }
+  EXPECT_EQ(listed, accepted);
   EXPECT_EQ(reply.presets_size(), 2);
   ASSERT_EQ(reply.elements_size(), 2);
   EXPECT_EQ(reply.elements(0).kinds_size(), 1);
   EXPECT_EQ(reply.elements(1).kinds_size(), 3);
   EXPECT_GT(reply.limits().points_max(), 0u);
   EXPECT_FALSE(reply.build_version().empty());
-  EXPECT_EQ(client_->estimate().code, kUnimplemented);
 }
 
 TEST_F(Service, Health) {
@@ -198,6 +185,55 @@ TEST_F(Service, Health) {
   EXPECT_EQ(client_->health(""), "NOT_SERVING");
   EXPECT_EQ(client_->health("barycast.v1.BarycastService"), "NOT_SERVING");
   EXPECT_FALSE(probe(daemon_->address(), std::chrono::seconds(10)));
+}
+
+TEST_F(Service, WatchersSeeTheDrain) {
+  for (const std::string name : {"", "barycast.v1.BarycastService"}) {
+    start({});
+    const std::string states = client_->watch(name, 2, [this](int i) {
+      if (i == 0) daemon_->begin_drain();
+    });
+    EXPECT_EQ(states, "SERVING,NOT_SERVING") << name;
+  }
+}
+
+// Live is not ready: until the self-test has passed the server listens, says NOT_SERVING and computes nothing.
+TEST_F(Service, IsNotReadyBeforeItsSelfTestHasPassed) {
+  const std::string address = "unix:" + ::testing::TempDir() + "barycast_ready_" + std::to_string(getpid());
+  std::promise<void> release;
+  DaemonSettings settings;
+  settings.listen = address;
+  settings.self_test = [&release]() -> Status {
+    release.get_future().wait();
+    return Done{};
+  };
+  std::unique_ptr<Daemon> daemon;
+  std::thread starter([&] {
+    Result<std::unique_ptr<Daemon>> started = Daemon::start(settings);
+    if (started.ok()) daemon = std::move(*started);
+  });
+  Client client(address);
+  EXPECT_TRUE(eventually([&] { return client.health("barycast.v1.BarycastService") == "NOT_SERVING"; }));
+  EXPECT_EQ(client.health(""), "NOT_SERVING");
+  EXPECT_FALSE(probe(address, std::chrono::seconds(10)));
+  EXPECT_EQ(client.compute({header(1), points({0.1, 0.2, 0.3})}).code, kUnavailable);
+  v1::EstimateCostResponse cost;
+  EXPECT_EQ(client.estimate({}, cost).code, kUnavailable);
+  const std::string states =
+      client.watch("barycast.v1.BarycastService", 2, [&](int i) { i == 0 ? release.set_value() : void(); });
+  EXPECT_EQ(states, "NOT_SERVING,SERVING");
+  starter.join();
+  EXPECT_EQ(client.health(""), "SERVING");
+  EXPECT_EQ(client.compute({header(1), points({0.1, 0.2, 0.3})}).code, kOk);
+}
+
+TEST_F(Service, DoesNotStartWhenItsSelfTestFails) {
+  DaemonSettings settings;
+  settings.listen = "127.0.0.1:0";
+  settings.self_test = [] { return Status(Error{ErrorCode::kInternal, "", "self-test failed: of course"}); };
+  const Result<std::unique_ptr<Daemon>> started = Daemon::start(settings);
+  ASSERT_FALSE(started.ok());
+  EXPECT_EQ(started.error().message, "self-test failed: of course");
 }
 
 }  // namespace

@@ -1,0 +1,166 @@
+// EstimateCost: it refuses what ComputeCoordinates refuses, in the same words, and its numbers are those of
+// the answer. What the memory model is worth is tests/core/cost_test.cpp.
+
+#include <cmath>
+#include <functional>
+
+#include "decode.h"
+#include "fixture.h"
+
+namespace barycast::server {
+namespace {
+
+using namespace testing;
+
+class EstimateCost : public ServerTest {
+ protected:
+  void SetUp() override { start(settings()); }
+  static DaemonSettings settings() {
+    DaemonSettings settings;
+    settings.limits.cage_bytes_max = 2000;
+    settings.limits.points_max = 100'000'000;
+    settings.limits.samples_max = 1000;
+    settings.limits.request_bytes_max = 16 << 20;
+    return settings;
+  }
+
+  // The estimate's answer to the fields of a header.
+  Outcome estimate(const v1::ComputeHeader& header, v1::EstimateCostResponse& response,
+                   const CallSettings& settings = {}) {
+    v1::EstimateCostRequest request;
+    if (header.has_inline_cage()) *request.mutable_inline_cage() = header.inline_cage();
+    if (header.has_cage_digest()) *request.mutable_cage_digest() = header.cage_digest();
+    *request.mutable_queries() = header.queries();
+    *request.mutable_options() = header.options();
+    *request.mutable_output() = header.output();
+    return client_->estimate(request, response, settings);
+  }
+};
+
+using Spoil = std::function<void(v1::ComputeHeader&)>;
+
+v1::CageDigest digest_of(const v1::Cage& cage) {
+  const CageDigest digest = barycast::digest(decode_cage(cage, {})->input());
+  v1::CageDigest result;
+  result.set_sha256(digest.sha256.data(), digest.sha256.size());
+  result.set_size_bytes(digest.size_bytes);
+  return result;
+}
+
+const std::vector<Spoil> kSpoils = {
+    [](auto& h) { h.mutable_queries()->set_point_count(0); },
+    [](auto& h) { h.mutable_queries()->set_point_count(200'000'000); },
+    [](auto& h) { h.mutable_queries()->set_point_count(1'000'000); },  // over the memory of one request
+    [](auto& h) { h.mutable_queries()->set_face_count(3); },
+    [](auto& h) { h.mutable_queries()->set_corner_count(9); },
+    [](auto& h) { h.mutable_options()->set_samples(0); },
+    [](auto& h) { h.mutable_options()->set_samples(1001); },
+    [](auto& h) { h.mutable_options()->set_preset(static_cast<v1::Preset>(12)); },
+    [](auto& h) { h.mutable_options()->set_coordinates(static_cast<v1::CoordinateKind>(99)); },
+    [](auto& h) { h.mutable_options()->set_denoise(v1::DENOISE_MESH); },
+    [](auto& h) { h.mutable_options()->set_denoise(static_cast<v1::Denoise>(9)); },
+    [](auto& h) { h.mutable_options()->set_thickness(1.0); },
+    [](auto& h) { h.mutable_options()->set_walk_steps_max(0); },
+    [](auto& h) { h.mutable_options()->set_prune_below(std::nan("")); },
+    [](auto& h) { h.mutable_options()->set_smoothing_time(-1); },
+    [](auto& h) { h.mutable_output()->set_type(v1::DATA_TYPE_UINT32); },
+    [](auto& h) { h.mutable_output()->set_block_rows(10'000'000); },
+    [](auto& h) { h.mutable_output()->set_influences_max(3); },
+    [](auto& h) { h.clear_cage(); },
+    [](auto& h) { h.mutable_cage_digest()->set_sha256("short"); },
+    [](auto& h) { *h.mutable_cage_digest() = digest_of(tetrahedron(7)); },  // unknown
+    [](auto& h) { h.mutable_inline_cage()->clear_control_vertices(); },
+    [](auto& h) { h.mutable_inline_cage()->clear_triangles(); },
+    [](auto& h) {
+      *h.mutable_inline_cage()->mutable_triangles() = indices(3, {0, 1, 2, 0, 1, 57});
+    },
+    [](auto& h) {
+      *h.mutable_inline_cage()->mutable_triangles() = indices(3, {0, 0, 0, 1, 1, 2});
+    },
+    [](auto& h) { *h.mutable_inline_cage()->mutable_triangles() = indices(3, std::vector<uint32_t>(600, 1)); },
+    [](auto& h) { *h.mutable_inline_cage()->mutable_points() = indices(1, {0}); },
+    [](auto& h) { h.mutable_inline_cage()->mutable_triangles()->mutable_data()->resize(47); },
+    [](auto& h) {
+      *h.mutable_inline_cage()->mutable_control_vertices() = doubles(3, {0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0});
+    },
+};
+
+TEST_F(EstimateCost, RefusesWhatWouldBeRefused) {
+  for (size_t i = 0; i < kSpoils.size(); ++i) {
+    auto request = header(1);
+    kSpoils[i](*request.mutable_header());
+    const Answer computed = client_->compute({request, points({0.1, 0.2, 0.3})});
+    v1::EstimateCostResponse response;
+    const Outcome estimated = estimate(request.header(), response);
+    EXPECT_NE(computed.code, kOk) << i;
+    EXPECT_EQ(estimated.code, computed.code) << i << ": " << estimated.message;
+    EXPECT_EQ(estimated.message, computed.message) << i;
+    EXPECT_EQ(estimated.details.SerializeAsString(), computed.details.SerializeAsString()) << i;
+  }
+  const CallSettings wrong = {.metadata = {{"x-cage-digest", std::string(64, '0')}}};
+  v1::EstimateCostResponse response;
+  EXPECT_EQ(estimate(header(1).header(), response, wrong).message,
+            client_->compute({header(1), points({0.1, 0.2, 0.3})}, wrong).message);
+}
+
+TEST_F(EstimateCost, AnUnknownCageIsMissing) {
+  auto request = header(1);
+  *request.mutable_header()->mutable_cage_digest() = digest_of(tetrahedron());
+  v1::EstimateCostResponse response;
+  const Outcome unknown = estimate(request.header(), response);
+  EXPECT_EQ(unknown.code, kFailedPrecondition);
+  EXPECT_FALSE(unknown.missing().empty());
+  expect_works();  // brings the cage
+  EXPECT_EQ(estimate(request.header(), response).code, kOk);
+  EXPECT_GT(response.memory_bytes(), 0u);
+}
+
+TEST_F(EstimateCost, DoesNothing) {
+  v1::EstimateCostResponse response;
+  ASSERT_EQ(estimate(header(1000).header(), response).code, kOk);
+  EXPECT_EQ(counters().steps, 0u);
+  v1::FindMissingCagesRequest question;
+  *question.add_digests() = digest_of(tetrahedron());
+  v1::FindMissingCagesResponse reply;
+  client_->find_missing(question, reply);
+  EXPECT_EQ(reply.missing_size(), 1) << "the cage was built";
+}
+
+// A tetrahedron's rows are full, so that the numbers are exact.
+TEST_F(EstimateCost, NumbersAreThoseOfTheAnswer) {
+  for (const v1::DataType type : {v1::DATA_TYPE_FLOAT32, v1::DATA_TYPE_FLOAT64})
+    for (const bool gradients : {false, true}) {
+      auto request = header(1000);
+      request.mutable_header()->mutable_output()->set_type(type);
+      request.mutable_header()->mutable_output()->set_gradients(gradients);
+      request.mutable_header()->mutable_output()->set_block_rows(300);
+      request.mutable_header()->mutable_options()->set_prune_below(0.0);
+      v1::EstimateCostResponse response;
+      ASSERT_EQ(estimate(request.header(), response).code, kOk);
+      const Answer answer = client_->compute({request, points(inner_points(1000))});
+      ASSERT_EQ(answer.code, kOk) << answer.message;
+      uint64_t bytes = 0;
+      for (const v1::RowBlock& block : answer.rows)
+        bytes += block.offsets().data().size() + block.indices().data().size() + block.values().data().size() +
+                 block.gradients().data().size() + block.flags().size();
+      EXPECT_EQ(response.output_bytes(), bytes);
+      EXPECT_EQ(response.samples(), 1000u * 50u);
+      EXPECT_EQ(response.samples(), answer.summary->samples());
+    }
+}
+
+TEST_F(EstimateCost, BeingBusyIsNoRefusal) {
+  DaemonSettings one = settings();
+  one.admission.requests_max = 1;
+  start(one);
+  const auto holder = client_->open();
+  holder->write(header(1));
+  ASSERT_TRUE(eventually([&] { return client_->compute({header(1), points({0.1, 0.2, 0.3})}).has_retry(); }));
+  v1::EstimateCostResponse response;
+  EXPECT_EQ(estimate(header(1).header(), response).code, kOk);
+  holder->cancel();
+  holder->finish();
+}
+
+}  // namespace
+}  // namespace barycast::server
