@@ -1,76 +1,152 @@
 #include "config.h"
 
+#include <fmt/format.h>
+
 #include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
 
 #include "machine.h"
+#include "settings.h"
 
 namespace barycast::server {
+namespace {
 
-ParsedConfig parse_config(int argc, char** argv) {
+struct CommandLine {
+  std::string file;
+};
+
+void add_commands(CLI::App& app, Config& config, CommandLine& line) {
+  app.set_version_flag("--version", "barycastd " BARYCAST_VERSION);
+  const auto once = [](CLI::Option* option) { option->configurable(false); };
+  once(app.add_option("--config", line.file, "File of settings, TOML or INI (also BARYCASTD_CONFIG)"));
+  once(app.add_flag("--print-config", config.print_config, "Print the settings in effect as such a file, and exit"));
+  once(app.add_flag("--self-test", config.self_test, "Compute a known result with every kind; exit code 0: all right"));
+  once(
+      app.add_option("--probe", config.probe, "Ask the server at this address for its health; exit code 0: it serves"));
+}
+
+std::string variable_of(std::string key) {
+  std::transform(key.begin(), key.end(), key.begin(),
+                 [](char c) { return c == '-' ? '_' : static_cast<char>(std::toupper(c)); });
+  return "BARYCASTD_" + key;
+}
+
+// CLI11 leads with the flag's name; the source already names the key.
+std::string without_flag(const std::string& what, const std::string& key) {
+  const std::string flag = "--" + key + ": ";
+  return what.starts_with(flag) ? what.substr(flag.size()) : what;
+}
+
+// Reports and gives false when the value is not understood.
+bool set(Config& config, const std::string& key, const std::string& value, const std::string& origin) {
+  try {
+    std::vector<std::string> arguments = {"--" + key + "=" + value};
+    make_app(config)->parse(arguments);
+    return true;
+  } catch (const CLI::ParseError& e) {
+    std::fputs(fmt::format("barycastd: {}: {}\n", origin, without_flag(e.what(), key)).c_str(), stderr);
+    return false;
+  }
+}
+
+// CLI11 takes a # for a comment even inside quotes; a value that is cut off in silence would be worse than none.
+void check_hashes(std::ifstream& in) {
+  size_t number = 0;
+  for (std::string line; std::getline(in, line);) {
+    ++number;
+    const auto hash = line.find('#');
+    const auto quotes =
+        std::count(line.begin(), line.begin() + static_cast<std::ptrdiff_t>(std::min(hash, line.size())), '"');
+    if (hash != std::string::npos && quotes % 2 == 1)
+      throw CLI::FileError(
+          fmt::format("line {}: a value in the file cannot hold a #; use the flag or the environment", number));
+  }
+  in.clear();
+  in.seekg(0);
+}
+
+bool read_file(const std::string& path, Config& config) {
+  std::vector<CLI::ConfigItem> items;
+  try {
+    std::ifstream in(path);
+    if (!in) throw CLI::FileError("cannot be read");
+    check_hashes(in);
+    items = CLI::ConfigTOML().from_config(in);
+  } catch (const CLI::Error& e) {
+    std::fputs(fmt::format("barycastd: {}: {}\n", path, e.what()).c_str(), stderr);
+    return false;
+  }
+  const std::vector<std::string> known = setting_keys();
+  for (const CLI::ConfigItem& item : items) {
+    if (item.name == "++" || item.name == "--") continue;  // CLI11's marks for the ends of sections
+    const std::string origin = path + ": " + item.fullname();
+    if (!item.parents.empty() || std::find(known.begin(), known.end(), item.name) == known.end()) {
+      std::fputs(fmt::format("barycastd: {}: no such setting; there are {}\n", origin, fmt::join(known, ", ")).c_str(),
+                 stderr);
+      return false;
+    }
+    if (item.inputs.size() != 1) {
+      std::fputs(fmt::format("barycastd: {}: {} values; give one\n", origin, item.inputs.size()).c_str(), stderr);
+      return false;
+    }
+    // As in the environment, empty is unset.
+    if (!item.inputs[0].empty() && !set(config, item.name, item.inputs[0], origin)) return false;
+  }
+  return true;
+}
+
+bool read_environment(Config& config) {
+  for (const std::string& key : setting_keys()) {
+    const std::string variable = variable_of(key);
+    const char* const value = std::getenv(variable.c_str());
+    // An empty variable is how a shell or a manifest leaves one out.
+    if (value == nullptr || *value == '\0') continue;
+    if (!set(config, key, value, "environment variable " + variable)) return false;
+  }
+  return true;
+}
+
+Config defaults() {
   Config config;
   DaemonSettings& daemon = config.daemon;
-  Limits& limits = daemon.limits;
   // Half the memory for working requests; the rest for the cache, blocks on their way, and the system.
   daemon.admission.bytes_max = usable_memory_bytes() / 2;
-  limits.request_bytes_max = daemon.admission.bytes_max;
+  daemon.limits.request_bytes_max = daemon.admission.bytes_max;
   daemon.cache_bytes_max = std::min<uint64_t>(daemon.cache_bytes_max, usable_memory_bytes() / 8);
+  config.receive_idle_ms = static_cast<uint32_t>(daemon.limits.receive_idle_max.count());
+  return config;
+}
 
-  auto receive_idle_ms = static_cast<uint32_t>(limits.receive_idle_max.count());
-
-  CLI::App app("barycastd: computes generalized barycentric coordinates, over gRPC");
-  app.set_version_flag("--version", "barycastd " BARYCAST_VERSION);
-  app.option_defaults()->always_capture_default();
-  app.add_option("--listen", daemon.listen,
-                 "HOST:PORT (port 0: any free one) or unix:/path; loopback unless told otherwise");
-  app.add_option("--port-file", config.port_file, "File that receives the bound address once the server is ready");
-  app.add_option("--threads", daemon.threads, "Compute threads; 0: the CPUs that affinity and cgroup quota allow")
-      ->check(CLI::Range(0, 1024));
-  app.add_option("--drain-seconds", config.drain_s, "How long running calls may go on after SIGTERM");
-  app.add_option("--log-level", config.log_level, "Of the log on stderr")
-      ->check(CLI::IsMember({"trace", "debug", "info", "warn", "warning", "error", "critical", "off"}));
-  app.add_flag("--exit-on-stdin-close", config.exit_on_stdin_close, "Stop when standard input is closed");
-  app.add_option("--probe", config.probe, "Ask the server at this address for its health; exit code 0: it serves");
-
-  const CLI::AsSizeValue as_bytes(false);
-  app.add_option("--cache-bytes", daemon.cache_bytes_max, "Cages kept, in bytes")->transform(as_bytes)->group("Limits");
-  app.add_option("--requests-max", daemon.admission.requests_max, "Requests at work at once")
-      ->check(CLI::PositiveNumber)
-      ->group("Limits");
-  app.add_option("--admitted-bytes-max", daemon.admission.bytes_max, "Estimated memory of all requests at work")
-      ->transform(as_bytes)
-      ->group("Limits");
-  app.add_option("--request-bytes-max", limits.request_bytes_max, "Estimated memory of one request")
-      ->transform(as_bytes)
-      ->group("Limits");
-  app.add_option("--cage-bytes-max", limits.cage_bytes_max, "Canonical bytes of one cage")
-      ->transform(as_bytes)
-      ->group("Limits");
-  app.add_option("--message-bytes-max", limits.message_bytes_max, "One message from a client")
-      ->transform(as_bytes)
-      ->check(CLI::Range(uint64_t{1024}, uint64_t{1} << 30))
-      ->group("Limits");
-  app.add_option("--transport-bytes-max", limits.transport_bytes_max, "Messages on their way, of all calls")
-      ->transform(as_bytes)
-      ->group("Limits");
-  app.add_option("--receive-idle-ms", receive_idle_ms, "Longest silence of a client that is still sending")
-      ->check(CLI::Range(uint32_t{100}, uint32_t{86'400'000}))
-      ->group("Limits");
-  app.add_option("--points-max", limits.points_max, "Query points of one request")->group("Limits");
-  app.add_option("--faces-max", limits.faces_max, "Faces of one request")->group("Limits");
-  app.add_option("--samples-max", limits.samples_max, "Samples per query point")
-      ->check(CLI::PositiveNumber)
-      ->group("Limits");
-  app.add_option("--block-rows-max", limits.block_rows_max, "Rows per block")
-      ->check(CLI::PositiveNumber)
-      ->group("Limits");
-  app.add_option("--digests-max", limits.digests_max, "Digests of one FindMissingCages request")->group("Limits");
-
+// The command line over what `config` holds.
+std::optional<ParsedConfig> parse_line(int argc, char** argv, Config& config, CommandLine& line) {
+  const auto app = make_app(config);
+  add_commands(*app, config, line);
   try {
-    app.parse(argc, argv);
+    app->parse(argc, argv);
+    return std::nullopt;
   } catch (const CLI::ParseError& e) {
-    return {std::nullopt, app.exit(e)};
+    return ParsedConfig{std::nullopt, app->exit(e) == 0 ? 0 : kExitUsage};
   }
-  limits.receive_idle_max = std::chrono::milliseconds(receive_idle_ms);
+}
+
+}  // namespace
+
+ParsedConfig parse_config(int argc, char** argv) {
+  CommandLine line;
+  {
+    // First by itself: for help, for the file's name, and so that its errors are not those of another source.
+    Config alone = defaults();
+    if (std::optional<ParsedConfig> ended = parse_line(argc, argv, alone, line)) return *ended;
+  }
+  if (const char* const file = std::getenv("BARYCASTD_CONFIG"); line.file.empty() && file != nullptr) line.file = file;
+  Config config = defaults();
+  if (!line.file.empty() && !read_file(line.file, config)) return {std::nullopt, kExitUsage};
+  if (!read_environment(config)) return {std::nullopt, kExitUsage};
+  if (std::optional<ParsedConfig> ended = parse_line(argc, argv, config, line)) return *ended;
+  config.daemon.limits.receive_idle_max = std::chrono::milliseconds(config.receive_idle_ms);
   return {config, 0};
 }
 

@@ -2,7 +2,6 @@
 
 #include <fcntl.h>
 #include <signal.h>
-#include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
 #include <unistd.h>
 
@@ -12,6 +11,9 @@
 #include <thread>
 
 #include "config.h"
+#include "kinds.h"
+#include "log.h"
+#include "self_test.h"
 
 namespace barycast::server {
 namespace {
@@ -73,6 +75,22 @@ bool is_loopback(const std::string& address) {
          address.starts_with("unix:");
 }
 
+int run_self_test() {
+  const Status tested = self_test();
+  if (!tested) {
+    std::fprintf(stderr, "barycastd: %s\n", tested.error().text().c_str());
+    return 1;
+  }
+  std::string kinds;
+  for (const CoordinateKind kind : built_kinds()) kinds += std::string(kinds.empty() ? "" : ", ") + kind_name(kind);
+  std::printf("barycastd: the self-test passed for %s\n", kinds.c_str());
+  return 0;
+}
+
+int print_config(const Config& config) {
+  return std::fputs(config_text(config).c_str(), stdout) >= 0 && std::fflush(stdout) == 0 ? 0 : 1;
+}
+
 int serve(const Config& config, const sigset_t& signals) {
   Result<std::unique_ptr<Daemon>> started = Daemon::start(config.daemon);
   if (!started) {
@@ -82,8 +100,13 @@ int serve(const Config& config, const sigset_t& signals) {
   Daemon& daemon = **started;
   if (!is_loopback(daemon.address())) spdlog::warn("listening beyond this machine, without encryption or login");
   spdlog::info("barycastd " BARYCAST_VERSION " serves on {}, {} compute threads", daemon.address(), daemon.threads());
+  if (!daemon.metrics_address().empty()) spdlog::info("metrics on http://{}/metrics", daemon.metrics_address());
   if (!config.port_file.empty() && !write_port_file(config.port_file, daemon.address())) {
     spdlog::critical("cannot write {}", config.port_file);
+    return 1;
+  }
+  if (!config.metrics_port_file.empty() && !write_port_file(config.metrics_port_file, daemon.metrics_address())) {
+    spdlog::critical("cannot write {}", config.metrics_port_file);
     return 1;
   }
   if (config.exit_on_stdin_close) watch_stdin();
@@ -91,7 +114,8 @@ int serve(const Config& config, const sigset_t& signals) {
   sigwait(&signals, &received);
   spdlog::info("received {}; draining for up to {} s", received == SIGINT ? "SIGINT" : "SIGTERM", config.drain_s);
   drain(daemon, signals, std::chrono::seconds(config.drain_s));
-  if (!config.port_file.empty()) unlink(config.port_file.c_str());
+  for (const std::string& file : {config.port_file, config.metrics_port_file})
+    if (!file.empty()) unlink(file.c_str());
   spdlog::info("stopped");
   return 0;
 }
@@ -103,10 +127,10 @@ int run(int argc, char** argv) {
   const ParsedConfig parsed = parse_config(argc, argv);
   if (!parsed.config) return parsed.exit_code;
   const Config& config = *parsed.config;
+  if (config.print_config) return print_config(config);
+  if (config.self_test) return run_self_test();
   if (!config.probe.empty()) return probe(config.probe, kProbeTimeout) ? 0 : 1;
-  spdlog::set_default_logger(spdlog::stderr_logger_mt("barycastd"));
-  spdlog::set_pattern("%Y-%m-%dT%H:%M:%S.%e%z %l %v");
-  spdlog::set_level(spdlog::level::from_str(config.log_level));
+  init_log(config.log_format == "json" ? LogFormat::kJson : LogFormat::kText, config.log_level);
   return serve(config, signals);
 }
 
