@@ -80,6 +80,19 @@ Measured measure(const std::shared_ptr<const CageIndex>& index, const QueryInput
   return {testing::bytes_in_use_max() - before, summary.entries, summary.samples};
 }
 
+Options paper(uint32_t samples) {
+  Options options;
+  options.preset = Preset::kPaper;
+  options.samples = samples;
+  return options;
+}
+
+Options limited(uint32_t influences_max) {
+  Options options = choices(50, true, 1e-4);
+  options.influences_max = influences_max;
+  return options;
+}
+
 struct Case {
   const char* name;
   Shape cage;
@@ -103,6 +116,9 @@ std::vector<Case> cases() {
       {"7k ball, 146", vertices(9), ball(60), choices(20, false, 1e-4)},
       {"10k quads, 114", vertices(8), sheet(100, false), choices(20, false, 1e-4)},
       {"10k triangles, 26", vertices(4), sheet(100, true), choices(50, false, 1e-4)},
+      {"1k loose, 62, paper", vertices(6), loose(1000), paper(50)},
+      {"3k ball, 62, paper", vertices(6), ball(40), paper(50)},
+      {"3k ball, 114, 8 influences", vertices(8), ball(40), limited(8)},
       {"40k triangles, box", testing::box(), sheet(200, true), choices(20, true, 0)},
   };
 }
