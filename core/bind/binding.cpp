@@ -10,6 +10,7 @@
 #include "estimate/point_estimator.h"
 #include "estimate/row.h"
 #include "smooth/smoother.h"
+#include "smooth/strength.h"
 
 namespace barycast {
 namespace {
@@ -63,6 +64,12 @@ Sampler<D> make_sampler(const ResolvedOptions& options, const CageStructures<D>&
                                                  .thickness = options.thickness,
                                                  .walk_steps_max = options.walk_steps_max,
                                                  .run_on = !paper});
+}
+
+double default_smoothing_time(const ResolvedOptions& options, const SquaredEdges& edges) {
+  if (options.preset == Preset::kPaper) return smoothing_time_as_printed(edges, options.samples);
+  const bool rays = options.coordinates != CoordinateKind::kHarmonic;
+  return smoothing_time(edges, rays ? ErrorRate::kLinear : ErrorRate::kSquareRoot, options.samples);
 }
 
 template <int D>
@@ -289,9 +296,9 @@ Result<std::unique_ptr<Binding>> create_of(std::shared_ptr<const CageIndex> inde
                             "must be below the number of query points, " + std::to_string(queries->points.size()));
   double smoothing_time = settings.options.smoothing_time.value_or(0.0);
   if (settings.options.denoise == Denoise::kMesh && !settings.options.smoothing_time) {
-    const std::optional<double> squared_edge = mean_squared_edge(queries->mesh, cancel);
-    if (!squared_edge) return Error{ErrorCode::kCancelled, "", "the request was cancelled"};
-    smoothing_time = *squared_edge * smoothing_scale(settings.options.samples);
+    const std::optional<SquaredEdges> edges = squared_edges(queries->mesh, cancel);
+    if (!edges) return Error{ErrorCode::kCancelled, "", "the request was cancelled"};
+    smoothing_time = default_smoothing_time(settings.options, *edges);
   }
   return std::unique_ptr<Binding>(std::make_unique<BindingOf<D>>(std::move(index), structures,
                                                                  std::move(queries).value(), settings, smoothing_time));

@@ -85,42 +85,4 @@ std::optional<MeshLaplacian> polygon_laplacian(const QueryMesh& mesh, const std:
   return result;
 }
 
-std::optional<double> mean_squared_edge(const QueryMesh& mesh, const std::atomic<bool>& cancel) {
-  // Calls visit(lower, upper) for every side of every face; false when cancelled.
-  const auto for_each_side = [&](const auto& visit) {
-    for (size_t f = 0; f < mesh.face_count(); ++f) {
-      if (is_cancelled(f, cancel)) return false;
-      const auto face = mesh.face(f);
-      for (size_t i = 0; i < face.size(); ++i) {
-        const uint32_t a = face[i], b = face[(i + 1) % face.size()];
-        if (a != b) visit(std::min(a, b), std::max(a, b));
-      }
-    }
-    return true;
-  };
-  // Sides by their lower node; an edge is what is left of them once repetitions are dropped.
-  std::vector<size_t> begin(mesh.nodes.size() + 2, 0);
-  if (!for_each_side([&](uint32_t lower, uint32_t) { ++begin[lower + 2]; })) return std::nullopt;
-  for (size_t i = 2; i < begin.size(); ++i) begin[i] += begin[i - 1];
-  std::vector<uint32_t> upper_node(begin.back());
-  if (!for_each_side([&](uint32_t lower, uint32_t upper) { upper_node[begin[lower + 1]++] = upper; }))
-    return std::nullopt;
-  double sum = 0.0;
-  size_t count = 0;
-  for (size_t a = 0; a < mesh.nodes.size(); ++a) {
-    if (is_cancelled(a, cancel)) return std::nullopt;
-    const auto first = upper_node.begin() + static_cast<std::ptrdiff_t>(begin[a]);
-    const auto last = upper_node.begin() + static_cast<std::ptrdiff_t>(begin[a + 1]);
-    std::sort(first, last);
-    const auto end = std::unique(first, last);
-    for (auto b = first; b != end; ++b) sum += (mesh.nodes[a] - mesh.nodes[*b]).squaredNorm();
-    count += static_cast<size_t>(end - first);
-  }
-  return count == 0 ? 0.0 : sum / static_cast<double>(count);
-}
-
-double smoothing_scale(double samples) {
-  return std::max(1.0, 5.0 - std::log10(samples));
-}
-
 }  // namespace barycast

@@ -36,11 +36,4 @@ struct MeshLaplacian {
 // Nothing: `cancel` was seen set.
 std::optional<MeshLaplacian> polygon_laplacian(const QueryMesh& mesh, const std::atomic<bool>& cancel);
 
-// Mean over the mesh's edges of their squared length; 0 when there are none. Edges between coincident
-// points do not count. Nothing: `cancel` was seen set.
-std::optional<double> mean_squared_edge(const QueryMesh& mesh, const std::atomic<bool>& cancel);
-
-// s(m) of [SBC 4.4], the paper's rule for less smoothing with more samples.
-double smoothing_scale(double samples);
-
 }  // namespace barycast

@@ -130,16 +130,19 @@ TEST_P(Determinism, SeedsDiffer) {
   EXPECT_FALSE(same_bytes(rows, testing::bind_or_die(index_, testing::loose_points(points_), options_)));
 }
 
+std::string name_of(const ::testing::TestParamInfo<std::tuple<Preset, CoordinateKind>>& info) {
+  const auto [preset, kind] = info.param;
+  return std::string(preset == Preset::kPaper ? "Paper" : "Default") + (kind == CoordinateKind::kHarmonic ? "Harmonic"
+                                                                        : kind == CoordinateKind::kMeanValue
+                                                                            ? "MeanValue"
+                                                                            : "PositiveMeanValue");
+}
+
 INSTANTIATE_TEST_SUITE_P(PresetsAndKinds, Determinism,
                          ::testing::Combine(::testing::Values(Preset::kDefault, Preset::kPaper),
                                             ::testing::Values(CoordinateKind::kHarmonic, CoordinateKind::kMeanValue,
                                                               CoordinateKind::kPositiveMeanValue)),
-                         [](const auto& info) {
-                           static constexpr const char* kKinds[] = {"Harmonic", "MeanValue", "PositiveMeanValue"};
-                           const bool paper = std::get<Preset>(info.param) == Preset::kPaper;
-                           return std::string(paper ? "Paper" : "Default") +
-                                  kKinds[static_cast<int>(std::get<CoordinateKind>(info.param))];
-                         });
+                         name_of);
 
 }  // namespace
 }  // namespace barycast

@@ -185,15 +185,15 @@ TEST(Smoothing, LeavesOutWhatIsNoSurface) {
 TEST(Smoothing, IsNotSpoiltByATinyComponent) {
   const auto index = testing::make_index(testing::box());
   QueryInput mesh = testing::mesh_of(testing::sphere(16, 0.7));
-  const RowBlock alone = testing::bind_or_die(index, mesh, {});
+  BindingSummary summary_alone;
+  const RowBlock alone = testing::bind_or_die(index, mesh, {}, &summary_alone);
   const auto first = static_cast<uint32_t>(mesh.points.size() / 3);
   mesh.points.insert(mesh.points.end(), {0.1, 0.1, 0.1, 0.1 + 1e-10, 0.1, 0.1, 0.1, 0.1 + 1e-10, 0.1});
   mesh.face_corners.insert(mesh.face_corners.end(), {first, first + 1, first + 2});
   mesh.face_offsets.push_back(static_cast<uint32_t>(mesh.face_corners.size()));
   BindingSummary summary;
   Options options;
-  options.smoothing_time = *mean_squared_edge(to_mesh(testing::mesh_of(testing::sphere(16, 0.7))), kNeverCancelled) /
-                           12 * (5 - std::log10(50));
+  options.smoothing_time = summary_alone.smoothing_time;
   const RowBlock both = testing::bind_or_die(index, mesh, options, &summary);
   EXPECT_TRUE(summary.warnings.empty());
   for (size_t i = 0; i < first; ++i) {
@@ -211,8 +211,37 @@ TEST(Smoothing, AcceptsTheTimeOfAnEarlierAnswer) {
   options.smoothing_time = first.smoothing_time;
   EXPECT_EQ(testing::bind_or_die(index, mesh, options, &second).values, rows.values);
   EXPECT_EQ(second.smoothing_time, first.smoothing_time);
-  EXPECT_NEAR(first.smoothing_time, *mean_squared_edge(to_mesh(mesh), kNeverCancelled) / 12 * (5 - std::log10(50)),
-              1e-12);
+}
+
+// The time that a binding chooses, in squared edges of a mesh; the box's diagonal is sqrt(12).
+double chosen_time(const QueryInput& mesh, Preset preset, CoordinateKind kind, uint32_t samples) {
+  Options options;
+  options.preset = preset;
+  options.coordinates = kind;
+  options.samples = samples;
+  BindingSummary summary;
+  testing::bind_or_die(testing::make_index(testing::box()), mesh, options, &summary);
+  return 12 * summary.smoothing_time;
+}
+
+TEST(Smoothing, TimeFollowsEdgesAndSamples) {
+  // A strip of ten right angles with legs 0.1, and a far larger one.
+  QueryInput mesh{.points = {}, .face_offsets = {0}, .face_corners = {}};
+  for (uint32_t i = 0; i < 11; ++i) {
+    const double size = i < 10 ? 0.1 : 1.0;
+    mesh.points.insert(mesh.points.end(),
+                       {-0.9, 0, -0.5 + 0.1 * i, -0.9 + size, 0, -0.5 + 0.1 * i, -0.9, size, -0.5 + 0.1 * i});
+    mesh.face_corners.insert(mesh.face_corners.end(), {3 * i, 3 * i + 1, 3 * i + 2});
+    mesh.face_offsets.push_back(3 * (i + 1));
+  }
+  const double median = 0.01, mean = (10 * (0.01 + 0.01 + 0.02) + 1 + 1 + 2) / 33;
+  const auto harmonic = CoordinateKind::kHarmonic, mean_value = CoordinateKind::kMeanValue;
+  EXPECT_NEAR(chosen_time(mesh, Preset::kDefault, harmonic, 50), 3 * median, 1e-12);
+  EXPECT_NEAR(chosen_time(mesh, Preset::kDefault, harmonic, 400), 1.5 * median, 1e-12);
+  EXPECT_NEAR(chosen_time(mesh, Preset::kDefault, mean_value, 50), 0.5 * median, 1e-12);
+  EXPECT_NEAR(chosen_time(mesh, Preset::kDefault, mean_value, 400), 0.125 * median, 1e-12);
+  EXPECT_NEAR(chosen_time(mesh, Preset::kPaper, harmonic, 50), (5 - std::log10(50)) * mean, 1e-12);
+  EXPECT_NEAR(chosen_time(mesh, Preset::kPaper, mean_value, 1000), 2 * mean, 1e-12);
 }
 
 }  // namespace
