@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from shapes import BOX_QUADS, box_cage, box_vertices, points_inside
 
-from barycast import Cage, Client, InputError, ServerError, connection
+from barycast import Cage, Client, InputError, ServerError
 from barycast.options import COORDINATES, compute_options, output_options
 
 
@@ -15,11 +15,6 @@ from barycast.options import COORDINATES, compute_options, output_options
 def client(fake):
     with Client(fake.address) as client:
         yield client
-
-
-@pytest.fixture
-def short_waits(monkeypatch):
-    monkeypatch.setattr(connection, "_DELAYS_SECONDS", (0.01, 0.02, 0.03))
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64", np.float64])
@@ -69,27 +64,30 @@ def test_inline_when_still_missing(client, behaviour):
     assert behaviour.log == ["capabilities", "digest", "upload", "digest", "inline"]
 
 
-def test_retries_before_the_first_row(client, behaviour, short_waits):
+def test_retries_before_the_first_row(fake, behaviour):
     behaviour.unavailable, behaviour.busy = 1, 1
-    assert client.bind(box_cage(), points_inside(3)).matrix.shape == (3, 8)
-    behaviour.unavailable = 100
-    with pytest.raises(ServerError) as caught:
-        client.bind(box_cage(), points_inside(3))
-    assert caught.value.code == "UNAVAILABLE" and behaviour.unavailable == 96
+    with Client(fake.address) as client:
+        assert client.bind(box_cage(), points_inside(3)).matrix.shape == (3, 8)
+    behaviour.unavailable = 1000
+    for seconds in (0.3, 0.0):
+        with Client(fake.address, retry_seconds=seconds) as client, pytest.raises(ServerError) as caught:
+            client.bind(box_cage(), points_inside(3))
+        assert caught.value.code == "UNAVAILABLE"
+    assert 900 < behaviour.unavailable < 998
 
 
-def test_no_retry_after_a_row(client, behaviour, short_waits):
+def test_no_retry_of_other_failures(client, behaviour):
     behaviour.break_after_blocks = 1
     with pytest.raises(ServerError):
         client.bind(box_cage(), points_inside(2500))
     assert behaviour.log.count("digest") == 2  # missing, then held
 
 
-def test_nobody_there(short_waits):
+def test_nobody_there():
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    with Client(f"127.0.0.1:{port}") as client, pytest.raises(ServerError) as caught:
+    with Client(f"127.0.0.1:{port}", retry_seconds=0.3) as client, pytest.raises(ServerError) as caught:
         client.bind(box_cage(), points_inside(3))
     assert caught.value.code == "UNAVAILABLE"
 
@@ -101,7 +99,7 @@ def test_deadline(fake, behaviour):
     assert caught.value.code == "DEADLINE_EXCEEDED"
 
 
-def test_server_restart_between_calls(short_waits):
+def test_server_restart_between_calls():
     first = fake_server.start("127.0.0.1:0")
     address = f"127.0.0.1:{first.port}"
     with Client(address) as client:

@@ -13,14 +13,19 @@ from pkgutil import extend_path
 
 __path__ = extend_path(__path__, __name__)
 
-from .binding import Binding  # noqa: E402  (the path must be extended first)
+from .async_client import AsyncClient  # noqa: E402  (the path must be extended first)
+from .async_connection import AsyncComputation  # noqa: E402
+from .binding import Binding  # noqa: E402
 from .cage import Cage, Faces  # noqa: E402
 from .client import Client  # noqa: E402
-from .compute import Computation, Rows  # noqa: E402
+from .compute import Computation  # noqa: E402
 from .errors import BarycastError, InputError, MissingCageError, ServerError  # noqa: E402
 from .mesh_io import load_cage, load_model  # noqa: E402
+from .rows import Rows  # noqa: E402
+
+__version__ = "0.1.0"
 
 __all__ = [
-    "BarycastError", "Binding", "Cage", "Client", "Computation", "Faces", "InputError", "MissingCageError", "Rows",
-    "ServerError", "load_cage", "load_model",
+    "AsyncClient", "AsyncComputation", "BarycastError", "Binding", "Cage", "Client", "Computation", "Faces",
+    "InputError", "MissingCageError", "Rows", "ServerError", "load_cage", "load_model",
 ]

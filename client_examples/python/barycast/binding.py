@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import json
+import time
 import zipfile
 from dataclasses import dataclass
-from typing import Any, Dict, List, Optional
+from typing import Any, Dict, Optional
 
 import numpy as np
 import scipy.sparse
 
 from . import arrays, files
-from .cage import Cage
-from .compute import Computation, Rows
 from .errors import InputError
+from .exchange import Exchange
 from .report import make_report
+from .rows import RowCollector
 
 
 @dataclass(eq=False)
@@ -74,30 +75,10 @@ class Binding:
             raise InputError("is not a binding; write one with `barycast bind`", field=str(path)) from error
 
 
-def collect(computation: Computation, cage: Cage) -> Binding:
-    """Receives all rows. Every kind of array is joined once and its blocks released before the next kind, so the peak
-    is the result plus its largest array."""
-    blocks: Dict[str, List[np.ndarray]] = {"counts": [], "indices": [], "values": [], "gradients": [], "flags": []}
-    for rows in computation:
-        _append(blocks, rows)
-    gradients = np.concatenate(blocks.pop("gradients")) if blocks["gradients"] else None
-    values = np.concatenate(blocks.pop("values"))
-    flags = np.concatenate(blocks.pop("flags"))
-    counts = np.concatenate(blocks.pop("counts"))
-    # scipy wants one signed type for both index arrays; control vertices are far below 2^31, so this is a view.
-    index_type = np.int32 if len(values) < 2**31 else np.int64
-    indices = np.concatenate(blocks.pop("indices")).view(np.int32).astype(index_type, copy=False)
-    offsets = np.zeros(len(counts) + 1, index_type)
-    np.cumsum(counts, out=offsets[1:])
-    shape = (len(counts), len(cage.control_vertices))
-    matrix = scipy.sparse.csr_matrix((values, indices, offsets), shape=shape, copy=False)
-    return Binding(matrix, gradients, flags, cage.digest.sha256.hex(), make_report(computation, cage))
-
-
-def _append(blocks: Dict[str, List[np.ndarray]], rows: Rows) -> None:
-    blocks["counts"].append(np.diff(rows.offsets))
-    blocks["indices"].append(rows.indices)
-    blocks["values"].append(rows.values)
-    blocks["flags"].append(rows.flags)
-    if rows.gradients is not None:
-        blocks["gradients"].append(rows.gradients)
+def gathered(collector: RowCollector, computation: Exchange, started: float) -> Binding:
+    """The binding of a finished computation; started: monotonic time at which it began."""
+    matrix = collector.matrix()
+    binding = Binding(matrix, collector.gradients(), collector.flags, computation.cage.digest.sha256.hex(), {})
+    binding.report = make_report(computation, matrix.nnz, collector.flags)
+    binding.report["seconds"]["total"] = time.monotonic() - started
+    return binding

@@ -18,8 +18,8 @@ from tqdm import tqdm
 from . import files
 from .binding import Binding
 from .client import Client
-from .compute import ProgressCallback
 from .errors import BarycastError, InputError
+from .exchange import ProgressCallback
 from .mesh_io import load_cage, load_model, points_for, save_model
 from .options import COORDINATES, DTYPES, PRESETS
 from .report import linear_precision_error, statistics, summary_lines

@@ -7,25 +7,31 @@ from typing import Any, Optional
 
 from barycast.v1 import barycast_pb2, options_pb2
 
-from .binding import Binding, collect
+from . import flows
+from .binding import Binding, gathered
 from .cage import Cage
-from .compute import Computation, ProgressCallback
+from .compute import Computation
 from .connection import Connection
-from .options import compute_options, output_options
+from .exchange import ProgressCallback
+from .options import compute_options, estimate_request, output_options
+from .retry import RETRY_SECONDS, Retry
 
 
 class Client:
     """A client of one server; a context manager.
 
     address: "host:port", "unix:/path", or any gRPC target; None starts a private local server that ends with this
-    object. threads: of the private server. timeout_seconds: of one attempt of one call; None waits for ever.
-    Calls reconnect when the server restarted: a bounded number of attempts over about six seconds. Use one Client
-    per thread and process (gRPC does not survive a fork).
+    object. threads: of the private server. timeout_seconds: of one call, over all its attempts; None waits for ever.
+    retry_seconds: how much time lost connections and busy answers may cost one call; 0 never tries again.
+    Use one Client per thread. A Client survives a fork, as long as no call of the process that forks is going on: the
+    forked process connects anew, and uses the private server without ending it.
     """
 
     def __init__(self, address: Optional[str] = None, *, threads: Optional[int] = None,
-                 timeout_seconds: Optional[float] = None) -> None:
-        self.connection = Connection(address, threads, timeout_seconds)
+                 timeout_seconds: Optional[float] = None, retry_seconds: float = RETRY_SECONDS) -> None:
+        self._timeout_seconds = timeout_seconds
+        self._retry_seconds = retry_seconds
+        self.connection = Connection(address, threads)
 
     def __enter__(self) -> Client:
         return self
@@ -37,14 +43,28 @@ class Client:
         """Closes the connection and ends the private server. May be called again."""
         self.connection.close()
 
+    def _retry(self) -> Retry:
+        return Retry(self._retry_seconds, self._timeout_seconds)
+
     def capabilities(self) -> barycast_pb2.GetCapabilitiesResponse:
         """What the server can do. Throws ServerError."""
-        return self.connection.retried(self.connection.capabilities)
+        retry = self._retry()
+        return self.connection.run(flows.retried(retry, lambda: flows.capabilities(self.connection.memory, retry)))
 
     def upload(self, cage: Cage) -> barycast_pb2.UploadCageResponse:
         """Gives the server the cage to hold, and returns its digest and warnings. Throws InputError when the cage is
         invalid or too large, ServerError. `compute` and `bind` upload by themselves when they must."""
-        return self.connection.retried(lambda: self.connection.upload(cage))
+        retry = self._retry()
+        return self.connection.run(flows.retried(retry, lambda: flows.upload(cage, retry)))
+
+    def estimate(self, cage: Cage, point_count: int, faces: Any = None,
+                 options: Optional[options_pb2.ComputeOptions] = None,
+                 output: Optional[options_pb2.OutputOptions] = None) -> barycast_pb2.EstimateCostResponse:
+        """What `compute` of that many points would cost: working memory, samples, bytes of the rows. Throws InputError
+        when it would be refused or the server cannot tell, ServerError."""
+        request = estimate_request(point_count, faces, options or compute_options(), output or output_options())
+        retry = self._retry()
+        return self.connection.run(flows.retried(retry, lambda: flows.estimate(cage, request, retry)))
 
     def compute(self, cage: Cage, points: Any, faces: Any = None,
                 options: Optional[options_pb2.ComputeOptions] = None,
@@ -53,21 +73,26 @@ class Client:
         """Coordinates of points (n x d, in the cage's units and frame) as blocks of rows, in order: iterate the
         result. faces: the mesh over the points that denoising runs over, anything `Faces.of` takes, or None.
         progress: called with (stage, done, total). Throws InputError here or while iterating, ServerError while
-        iterating."""
+        iterating: with code FAILED_PRECONDITION when the connection broke and another build went on, whose rows must
+        not be mixed with those handed out."""
         return Computation(self.connection, cage, points, faces, options or compute_options(),
-                           output or output_options(), progress)
+                           output or output_options(), progress, self._retry)
 
     def bind(self, cage: Cage, points: Any, faces: Any = None, coordinates: str = "harmonic",
              samples: Optional[int] = None, seed: int = 0, preset: str = "default", denoise: str = "auto",
              gradients: bool = False, dtype: Any = "float32", progress: Optional[ProgressCallback] = None,
              thickness: Optional[float] = None, walk_steps_max: Optional[int] = None,
-             prune_below: Optional[float] = None, smoothing_time: Optional[float] = None) -> Binding:
-        """All rows of `compute` as one sparse matrix. None follows the preset. Throws InputError, ServerError."""
+             prune_below: Optional[float] = None, smoothing_time: Optional[float] = None,
+             influences_max: int = 0) -> Binding:
+        """All rows of `compute` as one sparse matrix. None follows the preset. influences_max: coordinates kept per
+        row, d + 1 or more; 0: all. Throws InputError, ServerError."""
         options = compute_options(coordinates, preset, samples, seed, denoise, thickness, walk_steps_max, prune_below,
                                   smoothing_time)
+        output = output_options(dtype, gradients, influences_max)
         started = time.monotonic()
-        computation = self.compute(cage, points, faces, options, output_options(dtype, gradients), progress)
-        binding = collect(computation, cage)
-        binding.report["seconds"]["total"] = time.monotonic() - started
-        binding.report["build_version"] = self.capabilities().build_version
-        return binding
+        computation = Computation(self.connection, cage, points, faces, options, output, progress, self._retry,
+                                  rows_kept=False)
+        collector = computation.collector()
+        for rows in computation:
+            collector.add(rows)
+        return gathered(collector, computation, started)

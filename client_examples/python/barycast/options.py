@@ -8,7 +8,9 @@ import numpy as np
 
 from barycast.v1 import barycast_pb2, cage_pb2, options_pb2
 
+from .cage import Faces
 from .errors import InputError
+from .requests import query_set
 
 
 def _names(enum: Any) -> Dict[str, int]:
@@ -63,10 +65,20 @@ def compute_options(coordinates: str = "harmonic", preset: str = "default", samp
         smoothing_time=smoothing_time)
 
 
-def output_options(dtype: Any = "float32", gradients: bool = False) -> options_pb2.OutputOptions:
-    """How rows are written. dtype: float32 or float64, as a name or numpy type."""
+def output_options(dtype: Any = "float32", gradients: bool = False, influences_max: int = 0
+                   ) -> options_pb2.OutputOptions:
+    """How rows are written. dtype: float32 or float64, as a name or numpy type. influences_max: 0, or d + 1 or
+    more."""
     name = dtype if isinstance(dtype, str) else np.dtype(dtype).name
-    return options_pb2.OutputOptions(type=_number(DTYPES, name, "output.type"), gradients=gradients)
+    return options_pb2.OutputOptions(type=_number(DTYPES, name, "output.type"), gradients=gradients,
+                                     influences_max=_whole(influences_max, "output.influences_max", 32))
+
+
+def estimate_request(point_count: int, faces: Any, options: options_pb2.ComputeOptions,
+                     output: options_pb2.OutputOptions) -> barycast_pb2.EstimateCostRequest:
+    """What would be computed, the cage still to be named. faces: anything `Faces.of` takes."""
+    return barycast_pb2.EstimateCostRequest(queries=query_set(int(point_count), Faces.of(faces)), options=options,
+                                            output=output)
 
 
 def describe(options: options_pb2.ComputeOptions, output: options_pb2.OutputOptions) -> Dict[str, Any]:
@@ -83,6 +95,7 @@ def describe(options: options_pb2.ComputeOptions, output: options_pb2.OutputOpti
         "smoothing_time": options.smoothing_time,
         "dtype": name_of(DTYPES, output.type),
         "gradients": output.gradients,
+        "influences_max": output.influences_max,
     }
 
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Dict, List
 import numpy as np
 
 from .cage import Cage
-from .compute import Computation
 from .errors import InputError
+from .exchange import Exchange
 from .options import describe, flag_names
 
 if TYPE_CHECKING:
@@ -18,39 +18,47 @@ _COUNTERS = ("samples", "walk_steps", "walks_capped", "walks_discarded", "walk_r
 _SUMMARIZED = {"options", "seconds", "linear_precision_error_max", "warnings", *_COUNTERS}
 
 
-def make_report(computation: Computation, cage: Cage) -> Dict[str, Any]:
+def make_report(computation: Exchange, entry_count: int, flags: np.ndarray) -> Dict[str, Any]:
     """From a finished computation. Keys: dimension, points, control_vertices, entries, options (as resolved by the
     server), the counters of Summary, rows (by flag), linear_precision_error_max (diagonals), seconds (by stage),
-    cage_cache_hit, numerics_version, warnings."""
+    cage_cache_hit, numerics_version, build_version, warnings, and resumed_rows: where the computation went on after a
+    lost connection; counters, error and seconds are then those of the last part."""
     header, summary = computation.header, computation.summary
+    assert header is not None and summary is not None
     report: Dict[str, Any] = {
-        "dimension": cage.dimension,
-        "points": summary.row_count,
+        "dimension": computation.cage.dimension,
+        "points": len(computation),
         "control_vertices": header.control_vertex_count,
-        "entries": summary.entry_count,
+        "entries": entry_count,
         "options": describe(header.options, header.output),
-        "rows": {field.name: getattr(summary.rows, field.name) for field in summary.rows.DESCRIPTOR.fields},
+        "rows": rows_by_flag(flags),
         "linear_precision_error_max": summary.linear_precision_error_max,
         "seconds": {time.stage: time.seconds for time in summary.times},
         "cage_cache_hit": header.cage_cache_hit,
         "numerics_version": header.numerics_version,
+        "build_version": computation.build_version,
         "warnings": [{"field": warning.field, "message": warning.message} for warning in summary.warnings],
+        "resumed_rows": list(computation.resumed_rows),
     }
     report.update({name: getattr(summary, name) for name in _COUNTERS})
     return report
 
 
+def rows_by_flag(flags: np.ndarray) -> Dict[str, int]:
+    """How many rows carry each flag."""
+    return {name.replace("-", "_"): int(np.count_nonzero(flags & (1 << bit))) for bit, name in enumerate(flag_names())}
+
+
 def statistics(binding: Binding) -> Dict[str, Any]:
     """Recounted from the arrays: points, control_vertices, entries, entries per row (mean, max), rows by flag."""
     per_row = np.diff(binding.matrix.indptr)
-    flags = {name: int(np.count_nonzero(binding.flags & (1 << bit))) for bit, name in enumerate(flag_names())}
     return {
         "points": binding.matrix.shape[0],
         "control_vertices": binding.matrix.shape[1],
         "entries": int(binding.matrix.nnz),
         "entries_per_row_mean": float(per_row.mean()) if len(per_row) else 0.0,
         "entries_per_row_max": int(per_row.max()) if len(per_row) else 0,
-        "rows": {name.replace("-", "_"): count for name, count in flags.items()},
+        "rows": rows_by_flag(binding.flags),
     }
 
 
@@ -88,4 +96,7 @@ def summary_lines(binding: Binding) -> List[str]:
         f'linear-precision error: {report["linear_precision_error_max"]:.1e} diagonals before rounding to '
         f'{options["dtype"]}',
     ]
+    if report.get("resumed_rows"):
+        lines.append(f'resumed at row {", ".join(f"{row:,}" for row in report["resumed_rows"])} after lost connections; '
+                     "samples, seconds by stage and the error are those of the last part")
     return lines + [f'warning: {warning["field"]}: {warning["message"]}' for warning in report["warnings"]]

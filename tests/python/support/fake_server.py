@@ -30,7 +30,9 @@ BLOCK_ROWS = 1000
 @dataclass
 class Behaviour:
     """uploads_ignored: answers MISSING although it was uploaded. unavailable, busy: so many computations are refused.
-    row_seconds: delay per block of rows. message_bytes_max: as announced, and checked."""
+    row_seconds: delay per block of rows. message_bytes_max: as announced, and checked. break_after_blocks: fails with
+    UNKNOWN there. unavailable_after_blocks: the next computations end with UNAVAILABLE after so many blocks, and the
+    next of numerics_versions then counts. resumes: where clients went on."""
 
     uploads_ignored: bool = False
     unavailable: int = 0
@@ -38,6 +40,10 @@ class Behaviour:
     row_seconds: float = 0.0
     message_bytes_max: int = 4 << 20
     break_after_blocks: Optional[int] = None
+    unavailable_after_blocks: List[int] = field(default_factory=list)
+    numerics_versions: List[int] = field(default_factory=lambda: [1])
+    estimates: bool = True
+    resumes: List[int] = field(default_factory=list)
     log: List[str] = field(default_factory=list)
     request_bytes: List[int] = field(default_factory=list)
 
@@ -105,7 +111,8 @@ class FakeService(barycast_pb2_grpc.BarycastServiceServicer):
         if header.WhichOneof("cage") == "inline_cage":
             self.behaviour.log.append("inline")
             digest = server_digest(header.inline_cage)
-            assert digest == header.expected_digest.sha256 and metadata["x-cage-digest"] == digest.hex()
+            assert metadata["x-cage-digest"] == digest.hex()
+            assert not hasattr(header, "expected_digest") or header.expected_digest.sha256 == digest
             return header.inline_cage
         self.behaviour.log.append("digest")
         assert metadata["x-cage-digest"] == header.cage_digest.sha256.hex()
@@ -130,6 +137,11 @@ class FakeService(barycast_pb2_grpc.BarycastServiceServicer):
         if header.options.samples > 10**5:
             abort(context, grpc.StatusCode.INVALID_ARGUMENT, "options.samples: 200000 > 100000",
                   bad_request("options.samples", "200000 > 100000"))
+        if header.HasField("resume"):
+            if header.resume.numerics_version != self.behaviour.numerics_versions[0]:
+                abort(context, grpc.StatusCode.FAILED_PRECONDITION, "another numerics_version",
+                      bad_request("header.resume.numerics_version", "1, but this server's is 2"))
+            self.behaviour.resumes.append(header.resume.first_row)
         points, counts, corners = [], [], []
         for request in request_iterator:
             self.behaviour.request_bytes.append(request.ByteSize())
@@ -144,9 +156,18 @@ class FakeService(barycast_pb2_grpc.BarycastServiceServicer):
         queries = header.queries
         assert (len(points), sum(map(len, counts)), sum(map(len, corners))) == (
             queries.point_count, queries.face_count, queries.corner_count)
-        yield from self._answer(header, cage, points)
+        yield from self._answer(header, cage, points, context)
 
-    def _answer(self, header, cage, points):
+    def EstimateCost(self, request, context):
+        self.behaviour.log.append("estimate")
+        if not self.behaviour.estimates:
+            context.abort(grpc.StatusCode.UNIMPLEMENTED, "")
+        self._cage(request, context)
+        samples = (request.options.samples or 50) * request.queries.point_count
+        return pb.EstimateCostResponse(memory_bytes=5_000_000, samples=samples,
+                                       output_bytes=100 * request.queries.point_count)
+
+    def _answer(self, header, cage, points, context):
         vertices = arrays.from_message(cage.control_vertices, np.dtype("f8"), "control_vertices")
         dtype = np.float64 if header.output.type == cage_pb2.DATA_TYPE_FLOAT64 else np.float32
         options = options_pb2.ComputeOptions()
@@ -154,10 +175,19 @@ class FakeService(barycast_pb2_grpc.BarycastServiceServicer):
         options.samples = options.samples or 50
         options.thickness = options.thickness or 1e-3
         yield pb.ComputeCoordinatesResponse(header=pb.ResponseHeader(
-            options=options, output=header.output, numerics_version=1, control_vertex_count=len(vertices)))
+            options=options, output=header.output, numerics_version=self.behaviour.numerics_versions[0],
+            control_vertex_count=len(vertices)))
         yield pb.ComputeCoordinatesResponse(progress=pb.Progress(stage=pb.STAGE_SAMPLING, done=1, total=2))
         solve = np.linalg.pinv(np.c_[vertices, np.ones(len(vertices))])  # (d + 1) x v
-        for block, begin in enumerate(range(0, len(points), BLOCK_ROWS)):
+        cut = self.behaviour.unavailable_after_blocks.pop(0) if self.behaviour.unavailable_after_blocks else None
+        blocks = range(header.resume.first_row, len(points), BLOCK_ROWS)
+        for block, begin in enumerate([*blocks, None]):
+            if block == cut:
+                if len(self.behaviour.numerics_versions) > 1:
+                    self.behaviour.numerics_versions.pop(0)
+                context.abort(grpc.StatusCode.UNAVAILABLE, "the connection broke")
+            if begin is None:
+                break
             if block == self.behaviour.break_after_blocks:
                 raise SystemError("broken on purpose")
             time.sleep(self.behaviour.row_seconds)

@@ -7,14 +7,37 @@ import select
 import struct
 import subprocess
 import sys
+import tempfile
 import termios
 import time
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Tuple
+from typing import Iterator, Tuple
 
 from shapes import BOX_QUADS, box_vertices, obj_text, points_inside
 
 COMMAND = [sys.executable, "-m", "barycast"]
+
+
+@contextmanager
+def serving(daemon: Path, *flags: object) -> Iterator[int]:
+    """The port on loopback of a daemon with these flags."""
+    with tempfile.TemporaryDirectory() as folder:
+        port_file = Path(folder) / "port"
+        process = subprocess.Popen([str(daemon), "--listen", "127.0.0.1:0", "--port-file", str(port_file), "--log-level",
+                                    "error", "--exit-on-stdin-close", *map(str, flags)], stdin=subprocess.PIPE)
+        try:
+            deadline = time.monotonic() + 30
+            while not port_file.exists() and process.poll() is None and time.monotonic() < deadline:
+                time.sleep(0.01)
+            yield int(port_file.read_text().strip().rsplit(":", 1)[-1])
+        finally:
+            process.stdin.close()
+            try:
+                process.wait(10)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
 
 
 def run(environment: dict, *arguments: object) -> subprocess.CompletedProcess:
