@@ -13,6 +13,7 @@ from .connection import CHANNEL_OPTIONS, Endpoint
 from .errors import BarycastError, translated
 from .exchange import Exchange
 from .flows import Call, Flow, Memory, Pause
+from .local_server import LocalServer
 from .rows import Rows
 
 T = TypeVar("T")
@@ -27,6 +28,11 @@ class AsyncConnection:
         self._channel: Optional[grpc.aio.Channel] = None
         self._stub: Any = None
         self._starting: Optional[asyncio.Lock] = None
+
+    @property
+    def local(self) -> Optional[LocalServer]:
+        """The private server; None before the first use, or where an address was given."""
+        return self._endpoint.local
 
     async def _ready(self, look: bool) -> None:
         """A channel to a server that was started. look: whether the private server may have ended."""
