@@ -10,6 +10,7 @@ packages=(
   nlohmann-json3-dev prometheus-cpp-dev
   libgtest-dev libgmock-dev clang libclang-rt-14-dev clang-format clang-tidy
   python3-grpcio python3-protobuf python3-numpy python3-scipy python3-pytest python3-matplotlib python3-tqdm
+  python3-venv python3-pip python3-setuptools python3-wheel
 )
 
 installed=$(dpkg-query -W -f='${Package} ${db:Status-Status}\n' "${packages[@]}" 2>/dev/null \
