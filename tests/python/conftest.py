@@ -18,7 +18,8 @@ if not (PROTO / "barycast" / "v1" / "cage_pb2.py").exists():
                             "environment variable BARYCAST_PYTHON_PROTO name <build>/python")
 sys.path[:0] = [str(PACKAGE), str(PROTO), str(SUPPORT)]
 
-import fake_server  # noqa: E402  (found on the path above)
+import barycast  # noqa: E402, F401  (found on the path above; before grpc, so that forks are safe)
+import fake_server  # noqa: E402
 
 
 @pytest.fixture

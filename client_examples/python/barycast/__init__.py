@@ -5,12 +5,18 @@
         binding = client.bind(Cage.from_faces(vertices, faces), points)
     moved_points = binding.deform(moved_vertices)
 
-The generated modules `barycast.v1.*` live in the build tree (`<build>/python`), so this package's path
-is extended by every folder `barycast` on `sys.path`.
+A wheel holds the generated modules `barycast.v1.*`. In a checkout they live in the build tree (`<build>/python`), so
+this package's path is extended by every folder `barycast` on `sys.path`.
 """
 
+import os
 from pkgutil import extend_path
 
+# Read by grpc when it is first imported: its threads then hold no lock while a process forks. One in about 50 forked
+# processes hung without it.
+os.environ.setdefault("GRPC_ENABLE_FORK_SUPPORT", "1")
+
+__version__ = "0.1.0"
 __path__ = extend_path(__path__, __name__)
 
 from .async_client import AsyncClient  # noqa: E402  (the path must be extended first)
@@ -22,8 +28,6 @@ from .compute import Computation  # noqa: E402
 from .errors import BarycastError, InputError, MissingCageError, ServerError  # noqa: E402
 from .mesh_io import load_cage, load_model  # noqa: E402
 from .rows import Rows  # noqa: E402
-
-__version__ = "0.1.0"
 
 __all__ = [
     "AsyncClient", "AsyncComputation", "BarycastError", "Binding", "Cage", "Client", "Computation", "Faces",

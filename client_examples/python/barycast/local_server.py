@@ -1,16 +1,19 @@
 """A private `barycastd` for callers that name no server.
 
 It listens on a Unix socket in a fresh folder that only this user can enter, and ends with its client: when
-`close()` is called, or, whatever happens to the client, when the daemon's standard input closes.
+`close()` is called, or, whatever happens to the client, when the daemon's standard input closes. Forked processes may
+use it; only the process that started it ends it.
 """
 
 from __future__ import annotations
 
 import os
 import shutil
+import socket
 import subprocess
 import tempfile
 import time
+import weakref
 from pathlib import Path
 from typing import Optional
 
@@ -36,18 +39,22 @@ def find_binary() -> str:
     built = Path(cage_pb2.__file__).resolve().parents[3] / "bin" / "barycastd"
     found = shutil.which(str(built)) or shutil.which("barycastd")
     if not found:
-        raise InputError("there is no barycastd: build it, name it in the environment variable BARYCASTD, or give the "
-                         "address of a running server (--server HOST:PORT)", field="server")
+        raise InputError("there is no barycastd: build it, put it on PATH or name it in the environment variable BARYCASTD, "
+                         "or give the address of a running server (--server HOST:PORT)", field="server")
     return found
 
 
-def _fresh_folder() -> tempfile.TemporaryDirectory[str]:
-    """Removed at the latest when the interpreter ends."""
-    folder = tempfile.TemporaryDirectory(prefix="barycast-")
-    if len(os.fsencode(os.path.join(folder.name, "socket"))) <= _SOCKET_PATH_BYTES_MAX:
+def _fresh_folder() -> str:
+    folder = tempfile.mkdtemp(prefix="barycast-")
+    if len(os.fsencode(os.path.join(folder, "socket"))) <= _SOCKET_PATH_BYTES_MAX:
         return folder
-    folder.cleanup()
-    return tempfile.TemporaryDirectory(prefix="barycast-", dir="/tmp")
+    os.rmdir(folder)
+    return tempfile.mkdtemp(prefix="barycast-", dir="/tmp")
+
+
+def _remove(folder: str, owner: int) -> None:
+    if os.getpid() == owner:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 class LocalServer:
@@ -59,10 +66,13 @@ class LocalServer:
 
     def __init__(self, threads: Optional[int] = None) -> None:
         binary = find_binary()
-        self._folder = _fresh_folder()
-        self._log = os.path.join(self._folder.name, "log")
-        self.address = "unix:" + os.path.join(self._folder.name, "socket")
-        port_file = os.path.join(self._folder.name, "port")
+        self._owner = os.getpid()
+        folder = _fresh_folder()
+        self._remove_folder = weakref.finalize(self, _remove, folder, self._owner)  # at the latest at exit
+        self._log = os.path.join(folder, "log")
+        self._socket = os.path.join(folder, "socket")
+        self.address = "unix:" + self._socket
+        port_file = os.path.join(folder, "port")
         command = [binary, "--listen", self.address, "--port-file", port_file, "--exit-on-stdin-close",
                    "--log-level", "error"]
         if threads is not None:
@@ -73,7 +83,7 @@ class LocalServer:
                 self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=log, stderr=log,
                                                  start_new_session=True)
         except OSError as error:
-            self._folder.cleanup()
+            self._remove_folder()
             raise InputError(f"{binary} cannot be started: {error.strerror}", field="BARYCASTD") from error
         try:
             self._wait(port_file)
@@ -104,11 +114,16 @@ class LocalServer:
         return self._process.pid
 
     def alive(self) -> bool:
-        """Whether the daemon still runs."""
-        return self._process.poll() is None
+        """Whether the daemon still runs; in a forked process, whether it takes connections."""
+        if os.getpid() == self._owner:
+            return self._process.poll() is None
+        with socket.socket(socket.AF_UNIX) as probe:
+            return probe.connect_ex(self._socket) == 0
 
     def close(self) -> None:
-        """Ends the daemon and removes its folder. May be called again."""
+        """Ends the daemon and removes its folder; in a forked process, does nothing. May be called again."""
+        if os.getpid() != self._owner:
+            return
         if self._process.poll() is None:
             self._process.terminate()
             try:
@@ -118,4 +133,4 @@ class LocalServer:
                 self._process.wait()
         if self._process.stdin:
             self._process.stdin.close()
-        self._folder.cleanup()
+        self._remove_folder()
