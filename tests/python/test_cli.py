@@ -118,6 +118,60 @@ def test_input_errors(fake_daemon, environment, tmp_path, box):
     assert not out.exists()
 
 
+@pytest.mark.parametrize("kind", ["mean-value", "positive-mean-value"])
+def test_kinds_that_the_server_lacks(fake_daemon, environment, tmp_path, box, kind):
+    out = tmp_path / "bind.npz"
+    refused(run(environment, "bind", *box, "-o", out, "--coordinates", kind), 3, "options.coordinates", "not built yet")
+    assert not out.exists()
+
+
+def test_every_kind_is_computed_or_refused(real_daemon, environment, tmp_path, box):
+    computed = json.loads(run(environment, "capabilities", "--json").stdout)["coordinates"]
+    assert "harmonic" in computed
+    for kind in ("mean-value", "positive-mean-value"):
+        done = run(environment, "bind", *box, "-o", tmp_path / "bind.npz", "--coordinates", kind)
+        if kind in computed:
+            assert done.returncode == 0 and kind in done.stdout
+        else:
+            refused(done, 3, "coordinates")
+
+
+def test_influences(real_daemon, environment, tmp_path, box):
+    out, _ = bound(environment, tmp_path, box, "--influences", "5", "--json")
+    assert np.diff(Binding.load(out).matrix.indptr).max() == 5
+    assert Binding.load(out).report["options"]["influences_max"] == 5
+    refused(run(environment, "bind", *box, "-o", out, "--influences", "3"), 3, "influences_max")
+    refused(run(environment, "bind", *box, "-o", out, "--influences", "-1"), 3, "output.influences_max")
+
+
+def test_estimate(fake, behaviour, environment, box):
+    done = run(environment, "bind", *box, "--estimate", "--server", fake.address, "--samples", "20")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == "5.0 MB of the server's memory, 1,000 samples, 0.0 MB of rows\n"
+    assert behaviour.log == ["estimate", "digest", "upload", "estimate", "digest"]
+    done = run(environment, "bind", *box, "--estimate", "--server", fake.address, "--json")
+    assert json.loads(done.stdout) == {"memory_bytes": 5_000_000, "samples": 2500, "output_bytes": 5000}
+    behaviour.estimates = False
+    refused(run(environment, "bind", *box, "--estimate", "--server", fake.address), 3, "does not estimate costs")
+
+
+def test_capabilities(daemon, environment):
+    done = run(environment, "capabilities")
+    assert (done.returncode, done.stderr) == (0, "")
+    for words in ("barycastd 0.", "numerics version 1", "coordinates: harmonic", "samples per point"):
+        assert words in done.stdout
+    shown = json.loads(run(environment, "capabilities", "--json").stdout)
+    assert "harmonic" in shown["coordinates"] and shown["limits"]["points_max"] > 0
+    refused(run(environment, "capabilities", "--server", "unix:/nowhere/socket", "--retry-seconds", "0.2"), 4)
+
+
+def test_version_and_no_progress_bar_package(environment, tmp_path, box, fake_daemon):
+    assert run(environment, "--version").stdout.startswith("barycast 0.")
+    (tmp_path / "tqdm.py").write_text("raise ImportError")
+    environment["PYTHONPATH"] = f"{tmp_path}{os.pathsep}{environment['PYTHONPATH']}"
+    assert run_on_terminal(environment, "bind", *box, "-o", tmp_path / "b.npz")[0] == 0
+
+
 def test_deform_refuses_what_does_not_fit(fake_daemon, environment, tmp_path, box):
     out, _ = bound(environment, tmp_path, box)
     cage, model = box
@@ -142,7 +196,8 @@ def test_server_errors(environment, tmp_path, box):
     program.chmod(0o755)
     environment["BARYCASTD"] = str(program)
     refused(run(environment, "bind", *box, "-o", tmp_path / "b.npz"), 4, "status 1: no luck")
-    refused(run(environment, "bind", *box, "-o", tmp_path / "b.npz", "--server", f"unix:{tmp_path}/none"), 4)
+    refused(run(environment, "bind", *box, "-o", tmp_path / "b.npz", "--server", f"unix:{tmp_path}/none",
+                "--retry-seconds", "0.3"), 4)
 
 
 @pytest.mark.parametrize("number, code", [(signal.SIGINT, 130), (signal.SIGTERM, 143)])

@@ -169,6 +169,28 @@ def test_upload_and_capabilities(client):
     assert client.upload(cage).digest.sha256 == cage.digest.sha256
 
 
+def test_estimate(client, behaviour):
+    cost = client.estimate(box_cage(), 7, [[0, 1, 2]], compute_options(samples=10))
+    assert (cost.samples, cost.output_bytes) == (70, 700)
+    assert behaviour.log == ["estimate", "digest", "upload", "estimate", "digest"]
+    behaviour.uploads_ignored = True
+    client.estimate(Cage.from_faces(box_vertices() * 2, BOX_QUADS), 7)
+    assert behaviour.log[-3:] == ["digest", "estimate", "inline"]
+    behaviour.estimates = False
+    with pytest.raises(InputError, match="does not estimate") as caught:
+        client.estimate(box_cage(), 7)
+    assert caught.value.code == "UNIMPLEMENTED"
+
+
+def test_rows_lie_in_place(client):
+    """The matrix is made over the gathered arrays, and they hold nothing beyond their rows."""
+    binding = client.bind(box_cage(), points_inside(2500), gradients=True)
+    for part in (binding.matrix.data, binding.matrix.indices, binding.gradients):
+        assert part.base is None or part.base.nbytes == part.nbytes
+    rows = next(iter(client.compute(box_cage(), points_inside(10))))
+    assert not rows.values.flags.owndata and not rows.values.flags.writeable
+
+
 def test_option_names():
     assert list(COORDINATES) == ["harmonic", "mean-value", "positive-mean-value"]
     assert compute_options("positive_mean_value").coordinates == COORDINATES["positive-mean-value"]

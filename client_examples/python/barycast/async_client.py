@@ -78,6 +78,11 @@ class AsyncClient:
         options = compute_options(coordinates, preset, samples, seed, denoise, thickness, walk_steps_max, prune_below,
                                   smoothing_time)
         output = output_options(dtype, gradients, influences_max)
+        return await self.bind_with(cage, points, faces, options, output, progress)
+
+    async def bind_with(self, cage: Cage, points: Any, faces: Any, options: options_pb2.ComputeOptions,
+                        output: options_pb2.OutputOptions, progress: Optional[ProgressCallback] = None) -> Binding:
+        """As `Client.bind_with`."""
         started = time.monotonic()
         computation = AsyncComputation(self.connection, cage, points, faces, options, output, progress, self._retry,
                                        rows_kept=False)

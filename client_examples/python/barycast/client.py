@@ -89,6 +89,11 @@ class Client:
         options = compute_options(coordinates, preset, samples, seed, denoise, thickness, walk_steps_max, prune_below,
                                   smoothing_time)
         output = output_options(dtype, gradients, influences_max)
+        return self.bind_with(cage, points, faces, options, output, progress)
+
+    def bind_with(self, cage: Cage, points: Any, faces: Any, options: options_pb2.ComputeOptions,
+                  output: options_pb2.OutputOptions, progress: Optional[ProgressCallback] = None) -> Binding:
+        """As `bind`, with the messages of the API that `compute` takes."""
         started = time.monotonic()
         computation = Computation(self.connection, cage, points, faces, options, output, progress, self._retry,
                                   rows_kept=False)

@@ -6,10 +6,12 @@ from typing import TYPE_CHECKING, Any, Dict, List
 
 import numpy as np
 
+from barycast.v1 import barycast_pb2
+
 from .cage import Cage
 from .errors import InputError
 from .exchange import Exchange
-from .options import describe, flag_names
+from .options import COORDINATES, PRESETS, describe, flag_names, name_of
 
 if TYPE_CHECKING:
     from .binding import Binding
@@ -100,3 +102,39 @@ def summary_lines(binding: Binding) -> List[str]:
         lines.append(f'resumed at row {", ".join(f"{row:,}" for row in report["resumed_rows"])} after lost connections; '
                      "samples, seconds by stage and the error are those of the last part")
     return lines + [f'warning: {warning["field"]}: {warning["message"]}' for warning in report["warnings"]]
+
+
+def capability_values(answer: barycast_pb2.GetCapabilitiesResponse) -> Dict[str, Any]:
+    """A server's capabilities as plain values; kinds and presets by the names that options take."""
+    return {
+        "build_version": answer.build_version,
+        "numerics_version": answer.numerics_version,
+        "coordinates": [name_of(COORDINATES, kind) for kind in answer.coordinates],
+        "presets": [name_of(PRESETS, preset) for preset in answer.presets],
+        "elements": {str(support.dimension): list(support.kinds) for support in answer.elements},
+        "limits": {field.name: getattr(answer.limits, field.name) for field in answer.limits.DESCRIPTOR.fields},
+    }
+
+
+def capability_lines(answer: barycast_pb2.GetCapabilitiesResponse) -> List[str]:
+    """The same for people."""
+    values = capability_values(answer)
+    lines = [
+        f'barycastd {values["build_version"]}, numerics version {values["numerics_version"]}',
+        f'coordinates: {", ".join(values["coordinates"]) or "none"}',
+        f'presets: {", ".join(values["presets"]) or "none"}',
+    ]
+    lines += [f'elements of cages in {dimension} dimensions: {", ".join(kinds)}'
+              for dimension, kinds in values["elements"].items()]
+    return lines + [f'at most: {limit:,} {_limit_words(name)}' for name, limit in values["limits"].items()]
+
+
+def _limit_words(name: str) -> str:
+    """"cage_bytes_max" -> "bytes of a cage"."""
+    known = {
+        "cage_bytes_max": "bytes of a cage", "points_max": "points of a request", "faces_max": "faces of a request",
+        "samples_max": "samples per point", "block_rows_max": "rows per block", "message_bytes_max":
+        "bytes of a message to the server", "digests_max": "digests of a question for missing cages",
+        "request_bytes_max": "bytes of working memory of a request",
+    }
+    return known.get(name, name.replace("_max", "").replace("_", " "))

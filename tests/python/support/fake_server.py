@@ -134,6 +134,9 @@ class FakeService(barycast_pb2_grpc.BarycastServiceServicer):
             abort(context, grpc.StatusCode.RESOURCE_EXHAUSTED, "too busy", retry)
         header = first.header
         cage = self._cage(header, context)
+        if header.options.coordinates != options_pb2.COORDINATE_KIND_HARMONIC:
+            abort(context, grpc.StatusCode.UNIMPLEMENTED, "header.options.coordinates: is not built yet",
+                  bad_request("header.options.coordinates", "is not built yet; this server computes harmonic"))
         if header.options.samples > 10**5:
             abort(context, grpc.StatusCode.INVALID_ARGUMENT, "options.samples: 200000 > 100000",
                   bad_request("options.samples", "200000 > 100000"))
