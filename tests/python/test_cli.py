@@ -80,6 +80,13 @@ def test_an_address(fake, environment, tmp_path, box):
     assert fake.service.behaviour.log == ["capabilities", "digest", "upload", "digest"]
 
 
+def test_web_proxies_are_ignored(fake, environment, tmp_path, box):
+    for name in ("http_proxy", "https_proxy", "grpc_proxy"):
+        environment[name] = "http://127.0.0.1:1"
+    environment.pop("no_proxy", None), environment.pop("no_grpc_proxy", None), environment.pop("NO_PROXY", None)
+    bound(environment, tmp_path, box, "--server", fake.address, "--retry-seconds", "0")
+
+
 def test_progress_on_a_terminal_only(fake_daemon, environment, tmp_path, box):
     environment["FAKE_ROW_SECONDS"] = "0.2"
     _, done = bound(environment, tmp_path, box)

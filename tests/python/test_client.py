@@ -1,6 +1,7 @@
 """The client against the fake server: arrays, digests and uploads, retries, blocks, refusals."""
 
 import socket
+import time
 
 import fake_server
 import numpy as np
@@ -97,6 +98,14 @@ def test_deadline(fake, behaviour):
     with Client(fake.address, timeout_seconds=0.2) as client, pytest.raises(ServerError) as caught:
         client.bind(box_cage(), points_inside(3))
     assert caught.value.code == "DEADLINE_EXCEEDED"
+
+
+def test_the_deadline_covers_all_attempts(fake, behaviour):
+    behaviour.unavailable = 1000
+    started = time.monotonic()
+    with Client(fake.address, timeout_seconds=0.5, retry_seconds=60) as client, pytest.raises(ServerError):
+        client.bind(box_cage(), points_inside(3))
+    assert time.monotonic() - started < 5
 
 
 def test_server_restart_between_calls():

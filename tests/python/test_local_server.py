@@ -9,6 +9,7 @@ import pytest
 from shapes import box_cage, points_inside
 
 from barycast import Client, InputError, ServerError, local_server
+from barycast.options import compute_options
 
 
 def gone(pid: int) -> bool:
@@ -47,6 +48,18 @@ def test_restarts_between_calls(daemon):
         os.kill(pid, signal.SIGKILL)
         assert client.bind(box_cage(), points_inside(5)).matrix.shape == (5, 8)
         assert client.connection.local.pid != pid
+
+
+def test_a_computation_goes_on_after_a_restart(real_daemon):
+    """The new server lacks the cage and gets it again."""
+    with Client(threads=2) as client:
+        count, computation = 0, client.compute(box_cage(), points_inside(60_000), options=compute_options(samples=5))
+        for rows in computation:
+            if count == 0:
+                os.kill(client.connection.local.pid, signal.SIGKILL)
+            assert rows.first_row == count
+            count += len(rows.flags)
+        assert count == 60_000 and computation.resumed_rows
 
 
 def test_ends_when_its_standard_input_closes(daemon):

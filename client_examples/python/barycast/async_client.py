@@ -19,7 +19,7 @@ from .retry import RETRY_SECONDS, Retry
 class AsyncClient:
     """A client of one server for asyncio; an asynchronous context manager. Parameters and results are those of
     `Client`. Any number of calls may go on at once. It connects, and starts a private server, when it is first used;
-    use it in one event loop.
+    use it in one event loop. Processes that are forked after it was used cannot use gRPC (spawn them instead).
     """
 
     def __init__(self, address: Optional[str] = None, *, threads: Optional[int] = None,
