@@ -1,6 +1,6 @@
-"""What pyproject.toml cannot say: the messages (`barycast/v1`) are generated from the repository's `proto` while a wheel
-is built, by protoc and grpc_python_plugin where both are on PATH (Debian: protobuf-compiler, protobuf-compiler-grpc),
-else by grpc_tools (pip: grpcio-tools). Nothing is written into the source folder."""
+"""What pyproject.toml cannot say: the messages (`barycast/v1`) are generated from the repository's `proto` while a
+wheel is built, by protoc and grpc_python_plugin where both are on PATH (Debian: protobuf-compiler,
+protobuf-compiler-grpc), else by grpc_tools (pip: grpcio-tools). Nothing is written into the source folder."""
 
 import importlib.util
 import shutil
@@ -34,8 +34,8 @@ def generate(out: Path) -> None:
     elif importlib.util.find_spec("grpc_tools"):
         command = [sys.executable, "-m", "grpc_tools.protoc"]
     else:
-        raise SystemExit("barycast: nothing here generates the messages: install protoc and grpc_python_plugin (Debian: "
-                         "protobuf-compiler, protobuf-compiler-grpc) or grpcio-tools (pip)")
+        raise SystemExit("barycast: nothing here generates the messages: install protoc and grpc_python_plugin "
+                         "(Debian: protobuf-compiler, protobuf-compiler-grpc) or grpcio-tools (pip)")
     subprocess.run([*command, "-I", str(proto_folder()), f"--python_out={out}", f"--pyi_out={out}",
                     f"--grpc_python_out={out}", *FILES], check=True)
 

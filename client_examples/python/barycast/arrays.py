@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, Optional
 
 import numpy as np
+from numpy.typing import NDArray
 
 from barycast.v1 import cage_pb2
 
@@ -18,7 +19,7 @@ _TYPES = {
 DATA_TYPES = {dtype: data_type for data_type, dtype in _TYPES.items()}
 
 
-def to_message(values: np.ndarray) -> cage_pb2.Array:
+def to_message(values: NDArray[Any]) -> cage_pb2.Array:
     """An Array from n x c or n (one column) float32, float64 or uint32; copies once, into the message."""
     dtype = values.dtype.newbyteorder("<")
     columns = values.shape[1] if values.ndim == 2 else 1
@@ -26,7 +27,7 @@ def to_message(values: np.ndarray) -> cage_pb2.Array:
                           data=values.astype(dtype, copy=False).tobytes())
 
 
-def from_message(message: cage_pb2.Array, dtype: np.dtype, field: str) -> np.ndarray:
+def from_message(message: cage_pb2.Array, dtype: np.dtype[Any], field: str) -> NDArray[Any]:
     """rows x columns (or rows, for one column) of dtype, read-only. Throws ServerError when the message holds
     another type or another number of bytes."""
     expected = DATA_TYPES[dtype.newbyteorder("<")]
@@ -38,7 +39,7 @@ def from_message(message: cage_pb2.Array, dtype: np.dtype, field: str) -> np.nda
     return values if message.columns == 1 else values.reshape(message.rows, message.columns)
 
 
-def positions(values: Any, field: str, keep_float32: bool = False) -> np.ndarray:
+def positions(values: Any, field: str, keep_float32: bool = False) -> NDArray[Any]:
     """n x 2 or n x 3 finite float64 (float32 is kept when asked for). Throws InputError naming the field."""
     try:
         array = np.asarray(values)
@@ -54,7 +55,7 @@ def positions(values: Any, field: str, keep_float32: bool = False) -> np.ndarray
     return array
 
 
-def indices(values: Any, field: str, columns: Optional[int] = None, count: Optional[int] = None) -> np.ndarray:
+def indices(values: Any, field: str, columns: Optional[int] = None, count: Optional[int] = None) -> NDArray[Any]:
     """k (or k x columns) uint32. Throws InputError when the values are not whole numbers that fit, when the shape
     differs, or when one is not below count."""
     shape = (-1,) if columns is None else (-1, columns)

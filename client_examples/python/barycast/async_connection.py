@@ -45,7 +45,7 @@ class AsyncConnection:
             if self._channel is None or started:
                 await self._close_channel()
                 self._channel = grpc.aio.insecure_channel(self._endpoint.address, options=CHANNEL_OPTIONS)
-                self._stub = barycast_pb2_grpc.BarycastServiceStub(self._channel)
+                self._stub = barycast_pb2_grpc.BarycastServiceStub(self._channel)  # type: ignore[no-untyped-call]
 
     async def _close_channel(self) -> None:
         channel, self._channel = self._channel, None
@@ -69,7 +69,10 @@ class AsyncConnection:
                 return result
             outcome, error = None, None
             try:
-                outcome = await (self._call(step) if isinstance(step, Call) else self._pause(step))
+                if isinstance(step, Call):
+                    outcome = await self._call(step)
+                else:
+                    await self._pause(step)
             except BarycastError as failure:
                 error = failure
 

@@ -10,6 +10,7 @@ from typing import Any, Dict, Optional
 
 import numpy as np
 import scipy.sparse
+from numpy.typing import NDArray
 
 from . import arrays, files
 from .errors import InputError
@@ -28,12 +29,12 @@ class Binding:
     """
 
     matrix: scipy.sparse.csr_matrix
-    gradients: Optional[np.ndarray]
-    flags: np.ndarray
+    gradients: Optional[NDArray[Any]]
+    flags: NDArray[Any]
     cage_digest: str
     report: Dict[str, Any]
 
-    def deform(self, control_vertices: Any) -> np.ndarray:
+    def deform(self, control_vertices: Any) -> NDArray[Any]:
         """n x d float64: the points for posed control vertices (v x d). Throws InputError on another vertex count.
 
         Evaluated as c + W (V - c), c the centre of the posed cage: rows sum to one, so any c gives the same points,
@@ -44,7 +45,8 @@ class Binding:
             raise InputError(f"the posed cage has {len(posed)} control vertices, the binding's cage has "
                              f"{self.matrix.shape[1]}", field="posed.control_vertices")
         centre = 0.5 * (posed.min(axis=0) + posed.max(axis=0))
-        return centre + self.matrix @ (posed - centre)
+        points: NDArray[Any] = centre + self.matrix @ (posed - centre)
+        return points
 
     def save(self, path: files.PathLike) -> None:
         """Writes an .npz that `Binding.load` and `scipy.sparse.load_npz` read; whole or not at all. Throws InputError

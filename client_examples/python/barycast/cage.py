@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Any, Tuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from barycast.v1 import cage_pb2
 
@@ -24,8 +25,8 @@ class Faces:
     Throws InputError when they do not fit together or a face has fewer than three corners.
     """
 
-    offsets: np.ndarray = field(default_factory=lambda: np.zeros(1, np.int64))
-    corners: np.ndarray = field(default_factory=lambda: np.zeros(0, np.uint32))
+    offsets: NDArray[Any] = field(default_factory=lambda: np.zeros(1, np.int64))
+    corners: NDArray[Any] = field(default_factory=lambda: np.zeros(0, np.uint32))
 
     def __post_init__(self) -> None:
         corners = arrays.indices(self.corners, "faces.corners")
@@ -55,14 +56,15 @@ class Faces:
         return len(self.offsets) - 1
 
     @property
-    def counts(self) -> np.ndarray:
+    def counts(self) -> NDArray[Any]:
         """k int64: corners of each face."""
         return np.diff(self.offsets)
 
-    def of_size(self, size: int) -> np.ndarray:
+    def of_size(self, size: int) -> NDArray[Any]:
         """j x size uint32: the faces with that many corners, in order."""
         starts = self.offsets[:-1][self.counts == size]
-        return self.corners[starts[:, None] + np.arange(size)]
+        faces: NDArray[Any] = self.corners[starts[:, None] + np.arange(size)]
+        return faces
 
     def without(self, sizes: Tuple[int, ...]) -> Faces:
         """The faces whose corner count is not in sizes, in order."""
@@ -84,10 +86,10 @@ class Cage:
     moved behind the triangles and quads, which is what they are. Immutable. Throws InputError naming the field.
     """
 
-    control_vertices: np.ndarray
-    segments: np.ndarray = _none(2)
-    triangles: np.ndarray = _none(3)
-    quads: np.ndarray = _none(4)
+    control_vertices: NDArray[Any]
+    segments: NDArray[Any] = _none(2)
+    triangles: NDArray[Any] = _none(3)
+    quads: NDArray[Any] = _none(4)
     polygons: Faces = field(default_factory=Faces)
 
     def __post_init__(self) -> None:
@@ -115,7 +117,7 @@ class Cage:
         return int(self.control_vertices.shape[1])
 
     @property
-    def used(self) -> np.ndarray:
+    def used(self) -> NDArray[Any]:
         """n bool: the control vertices that an element uses."""
         mask = np.zeros(len(self.control_vertices), bool)
         for corners in (self.segments, self.triangles, self.quads, self.polygons.corners):

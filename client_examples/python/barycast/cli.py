@@ -30,7 +30,8 @@ def _parser() -> argparse.ArgumentParser:
     capabilities.set_defaults(run=commands.capabilities)
 
     for command in (bind, capabilities):
-        command.add_argument("--server", metavar="ADDR", help="host:port or unix:/path (default: a private local server)")
+        command.add_argument("--server", metavar="ADDR",
+                             help="host:port or unix:/path (default: a private local server)")
         command.add_argument("--retry-seconds", type=float, default=RETRY_SECONDS, metavar="SECONDS",
                              help="how much time lost connections and busy answers may cost (default: %(default)g)")
     for command in (bind, inspect, capabilities):
@@ -41,7 +42,8 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_bind(verbs: Verbs) -> argparse.ArgumentParser:
-    bind = verbs.add_parser("bind", help="compute a model's coordinates with respect to a cage")
+    bind: argparse.ArgumentParser = verbs.add_parser("bind",
+                                                      help="compute a model's coordinates with respect to a cage")
     bind.add_argument("cage", metavar="CAGE", help=".obj, .ply, .stl or .npz")
     bind.add_argument("model", metavar="MODEL", help=".obj, .ply, .stl or .npz; without faces: loose points")
     bind.add_argument("-o", "--output", metavar="BIND.npz", help="required, except with --estimate")
@@ -64,7 +66,7 @@ def _add_bind(verbs: Verbs) -> argparse.ArgumentParser:
 
 
 def _add_deform(verbs: Verbs) -> argparse.ArgumentParser:
-    deform = verbs.add_parser("deform", help="pose a model with its binding")
+    deform: argparse.ArgumentParser = verbs.add_parser("deform", help="pose a model with its binding")
     deform.add_argument("binding", metavar="BIND.npz")
     deform.add_argument("posed_cage", metavar="POSED_CAGE", help="only its vertices count")
     deform.add_argument("model", metavar="MODEL", help="the model that was bound; everything but positions is kept")
@@ -74,7 +76,7 @@ def _add_deform(verbs: Verbs) -> argparse.ArgumentParser:
 
 
 def _add_inspect(verbs: Verbs) -> argparse.ArgumentParser:
-    inspect = verbs.add_parser("inspect", help="show what a binding holds")
+    inspect: argparse.ArgumentParser = verbs.add_parser("inspect", help="show what a binding holds")
     inspect.add_argument("binding", metavar="BIND.npz")
     inspect.add_argument("--cage", help="with --model: recompute the linear-precision error")
     inspect.add_argument("--model")

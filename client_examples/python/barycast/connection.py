@@ -80,7 +80,7 @@ class Connection:
     def _open(self) -> None:
         self._pid = os.getpid()
         self._channel = grpc.insecure_channel(self._endpoint.address, options=CHANNEL_OPTIONS)
-        self._stub = barycast_pb2_grpc.BarycastServiceStub(self._channel)
+        self._stub: Any = barycast_pb2_grpc.BarycastServiceStub(self._channel)  # type: ignore[no-untyped-call]
 
     def _close_channel(self) -> None:
         if self._pid == os.getpid():
@@ -105,7 +105,10 @@ class Connection:
                 return result
             outcome, error = None, None
             try:
-                outcome = self._call(step) if isinstance(step, Call) else self._pause(step)
+                if isinstance(step, Call):
+                    outcome = self._call(step)
+                else:
+                    self._pause(step)
             except BarycastError as failure:
                 error = failure
 

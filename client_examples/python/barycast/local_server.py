@@ -39,8 +39,8 @@ def find_binary() -> str:
     built = Path(cage_pb2.__file__).resolve().parents[3] / "bin" / "barycastd"
     found = shutil.which(str(built)) or shutil.which("barycastd")
     if not found:
-        raise InputError("there is no barycastd: build it, put it on PATH or name it in the environment variable BARYCASTD, "
-                         "or give the address of a running server (--server HOST:PORT)", field="server")
+        raise InputError("there is no barycastd: build it, put it on PATH, name it in the environment variable "
+                         "BARYCASTD, or give the address of a running server (--server HOST:PORT)", field="server")
     return found
 
 

@@ -14,9 +14,10 @@ z = 0. Writing a model keeps everything in its file but the positions (normals s
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Callable, Dict
+from typing import Any, Callable, Dict
 
 import numpy as np
+from numpy.typing import NDArray
 
 from . import files
 from .cage import Cage
@@ -55,7 +56,7 @@ def load_cage(path: files.PathLike) -> Cage:
         raise InputError(str(error), field=str(path)) from error
 
 
-def points_for(model: Model, dimension: int) -> np.ndarray:
+def points_for(model: Model, dimension: int) -> NDArray[Any]:
     """The model's points (n x dimension) for a cage of that dimension. For 2, z must be 0 everywhere and is dropped.
     Throws InputError."""
     points = model.points
@@ -69,7 +70,7 @@ def points_for(model: Model, dimension: int) -> np.ndarray:
     return np.ascontiguousarray(points[:, :2])
 
 
-def save_model(model: Model, positions: np.ndarray, path: files.PathLike) -> None:
+def save_model(model: Model, positions: NDArray[Any], path: files.PathLike) -> None:
     """Writes model's file with its points at positions (n x 2 or n x 3). Throws InputError when the count differs,
     when the endings do, or when the file cannot be written."""
     if Path(path).suffix.lower() != Path(model.path).suffix.lower():

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Callable
+from typing import Any, Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .cage import Faces
 from .errors import InputError
@@ -17,12 +18,12 @@ class Model:
     rewrite: the file's bytes with other positions of the shape of points."""
 
     path: str
-    points: np.ndarray
+    points: NDArray[Any]
     faces: Faces
-    segments: np.ndarray
-    rewrite: Callable[[np.ndarray], bytes]
+    segments: NDArray[Any]
+    rewrite: Callable[[NDArray[Any]], bytes]
 
-    def with_positions(self, positions: np.ndarray) -> bytes:
+    def with_positions(self, positions: NDArray[Any]) -> bytes:
         """The file's bytes with positions (n x 2 or n x 3) in place of points; a missing z is 0, a z that the file has
         no place for must be. Throws InputError on another count."""
         if len(positions) != len(self.points):
@@ -36,7 +37,7 @@ class Model:
         return self.rewrite(padded)
 
 
-def no_segments() -> np.ndarray:
+def no_segments() -> NDArray[Any]:
     """0 x 2."""
     return np.zeros((0, 2), np.uint32)
 
@@ -46,6 +47,6 @@ def place(path: str, line: int) -> str:
     return f"{path}:{line}"
 
 
-def number_bytes(values: np.ndarray) -> list[bytes]:
+def number_bytes(values: NDArray[Any]) -> list[bytes]:
     """Decimals that read back as the same numbers, the shortest such."""
     return [repr(value).encode() for value in values.tolist()]

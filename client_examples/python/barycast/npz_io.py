@@ -5,9 +5,10 @@ from __future__ import annotations
 
 import io
 import zipfile
-from typing import Dict
+from typing import Any, Dict
 
 import numpy as np
+from numpy.typing import NDArray
 
 from . import arrays
 from .cage import Faces
@@ -34,7 +35,7 @@ def read_npz(path: str, data: bytes) -> Model:
     return Model(path, points, faces, segments, lambda positions: _rewrite(entries, names[0], positions))
 
 
-def _faces(entries: Dict[str, np.ndarray], point_count: int) -> Faces:
+def _faces(entries: Dict[str, NDArray[Any]], point_count: int) -> Faces:
     if ("face_offsets" in entries) != ("face_corners" in entries):
         raise InputError("face_offsets and face_corners belong together")
     faces = Faces(entries["face_offsets"], entries["face_corners"]) if "face_offsets" in entries else Faces()
@@ -45,7 +46,7 @@ def _faces(entries: Dict[str, np.ndarray], point_count: int) -> Faces:
     return Faces(np.concatenate([[0], np.cumsum(counts)]), corners)
 
 
-def _rewrite(entries: Dict[str, np.ndarray], name: str, positions: np.ndarray) -> bytes:
+def _rewrite(entries: Dict[str, NDArray[Any]], name: str, positions: NDArray[Any]) -> bytes:
     dtype = entries[name].dtype if entries[name].dtype.kind == "f" else np.dtype(np.float64)
     file = io.BytesIO()
     np.savez(file, **{**entries, name: positions.astype(dtype)})

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from typing import Iterator, List, Tuple
+from typing import Any, Iterator, List, Tuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .cage import Faces
 from .errors import InputError
@@ -121,11 +122,13 @@ def _line_of(parser: _Parser, vertex: int) -> str:
     return place(parser.path, physical)
 
 
-def _rewrite(parser: _Parser, positions: np.ndarray) -> bytes:
+def _rewrite(parser: _Parser, positions: NDArray[Any]) -> bytes:
     lines = list(parser.lines)
     numbers = number_bytes(positions.ravel())
     for vertex, index in enumerate(parser.vertex_lines):
-        head, first, second, tail = _VERTEX.fullmatch(_CONTINUED.sub(b" ", lines[index])).groups()
+        match = _VERTEX.fullmatch(_CONTINUED.sub(b" ", lines[index]))
+        assert match is not None  # the line was read as a vertex
+        head, first, second, tail = match.groups()
         x, y, z = numbers[3 * vertex:3 * vertex + 3]
         lines[index] = b"".join((head, x, first, y, second, z, tail))
     return b"".join(lines)

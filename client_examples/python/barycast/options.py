@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, List, Optional
+from typing import Any, Dict, List, Mapping, Optional
 
 import numpy as np
 
@@ -28,13 +28,13 @@ FLAGS = _names(barycast_pb2.RowFlag)
 DTYPES = {"float32": cage_pb2.DATA_TYPE_FLOAT32, "float64": cage_pb2.DATA_TYPE_FLOAT64}
 
 
-def name_of(names: Dict[str, int], number: int) -> str:
+def name_of(names: Mapping[str, int], number: int) -> str:
     """The name of an enum's value; the number as text when this client does not know it."""
     known = [name for name, value in names.items() if value == number]
     return known[0] if known else str(number)
 
 
-def _number(names: Dict[str, int], name: str, field: str) -> int:
+def _number(names: Mapping[str, int], name: str, field: str) -> Any:
     number = names.get(name.replace("_", "-"))
     if number is None:
         raise InputError(f'"{name}" is not one of {", ".join(names)}', field=field)
@@ -48,8 +48,8 @@ def _whole(value: Optional[int], field: str, bits: int) -> Optional[int]:
 
 
 def compute_options(coordinates: str = "harmonic", preset: str = "default", samples: Optional[int] = None,
-                    seed: int = 0, denoise: str = "auto", thickness: Optional[float] = None, walk_steps_max: Optional[int] = None,
-                    prune_below: Optional[float] = None,
+                    seed: int = 0, denoise: str = "auto", thickness: Optional[float] = None,
+                    walk_steps_max: Optional[int] = None, prune_below: Optional[float] = None,
                     smoothing_time: Optional[float] = None) -> options_pb2.ComputeOptions:
     """What to compute; None follows the preset. Ranges are the server's to check, names and whole numbers are
     checked here. Throws InputError naming the field."""

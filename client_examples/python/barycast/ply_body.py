@@ -4,9 +4,10 @@ bytes with other positions."""
 from __future__ import annotations
 
 import struct
-from typing import List, Optional, Tuple
+from typing import Any, List, Optional, Tuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .errors import InputError
 from .model import place
@@ -22,7 +23,7 @@ class AsciiBody:
         self._vertex_lines: List[int] = []
         self._axes: List[int] = []
 
-    def read(self) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def read(self) -> Tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
         points, counts, corners = [], [], []
         line = self._header.lines
         for element in self._header.elements:
@@ -51,7 +52,7 @@ class AsciiBody:
                                      field=place(self._path, line)) from None
         return np.array(points), np.array(counts, np.int64), np.array(corners, np.int64)
 
-    def rewrite(self, positions: np.ndarray) -> bytes:
+    def rewrite(self, positions: NDArray[Any]) -> bytes:
         lines = list(self._lines)
         vertex = next(element for element in self._header.elements if element.name == "vertex")
         kinds = [np.dtype(vertex.properties[axis].kind).type for axis in self._axes]
@@ -83,7 +84,7 @@ class BinaryBody:
         self._vertex_offset = 0
         self._vertex_type = np.dtype([])
 
-    def read(self) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def read(self) -> Tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
         points = counts = corners = np.zeros(0, np.int64)
         offset = self._header.size
         for element in self._header.elements:
@@ -105,7 +106,7 @@ class BinaryBody:
             offset = end
         return points, counts, corners
 
-    def _read_lists(self, element: Element, offset: int) -> Tuple[np.ndarray, np.ndarray, int]:
+    def _read_lists(self, element: Element, offset: int) -> Tuple[NDArray[Any], NDArray[Any], int]:
         """Corner counts and corners of the corner list (empty when there is none), and where the element ends."""
         wanted = element.find(CORNER_LISTS)
         uniform = self._read_uniform(element, offset, wanted)
@@ -130,7 +131,7 @@ class BinaryBody:
         return np.array(counts, np.int64), np.array(corners, np.int64), offset
 
     def _read_uniform(self, element: Element, offset: int,
-                      wanted: int) -> Optional[Tuple[np.ndarray, np.ndarray, int]]:
+                      wanted: int) -> Optional[Tuple[NDArray[Any], NDArray[Any], int]]:
         """As _read_lists, at once, for one list whose length is the same in all items; None when it is not so."""
         if element.count == 0 or wanted < 0 or sum(item.count_kind is not None for item in element.properties) != 1:
             return None
@@ -141,6 +142,7 @@ class BinaryBody:
             if number < wanted:
                 before += np.dtype(item.kind).itemsize
             if number == wanted:
+                assert item.count_kind is not None  # it is a list
                 (count,) = np.frombuffer(self._data, order + item.count_kind, 1, offset + before)
                 fields.append(("count", order + item.count_kind, 1))
                 fields.append(("corners", order + item.kind, int(count)))
@@ -155,7 +157,7 @@ class BinaryBody:
         counts = np.full(element.count, int(count), np.int64)
         return counts, items["corners"].astype(np.int64).ravel(), offset + items.nbytes
 
-    def rewrite(self, positions: np.ndarray) -> bytes:
+    def rewrite(self, positions: NDArray[Any]) -> bytes:
         data = bytearray(self._data)
         items = np.frombuffer(data, self._vertex_type, len(positions), self._vertex_offset)
         for column, axis in enumerate("xyz"):

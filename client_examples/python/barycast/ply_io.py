@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Union
+
 import numpy as np
 
 from .cage import Faces
@@ -20,7 +22,8 @@ def read_ply(path: str, data: bytes) -> Model:
         raise InputError("needs an element vertex with the plain properties x, y, z", field=path)
     if any(vertex.properties[vertex.find((axis,))].kind[0] != "f" for axis in "xyz"):
         raise InputError("needs x, y, z of type float or double", field=path)
-    body = AsciiBody(path, data, header) if header.order == "" else BinaryBody(path, data, header)
+    body: Union[AsciiBody, BinaryBody] = (AsciiBody(path, data, header) if header.order == "" else
+                                          BinaryBody(path, data, header))
     points, counts, corners = body.read()
     finite = np.isfinite(points).all(axis=1)
     if not finite.all():

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Dict, List
 
 import numpy as np
+from numpy.typing import NDArray
 
 from barycast.v1 import barycast_pb2
 
@@ -20,7 +21,7 @@ _COUNTERS = ("samples", "walk_steps", "walks_capped", "walks_discarded", "walk_r
 _SUMMARIZED = {"options", "seconds", "linear_precision_error_max", "warnings", *_COUNTERS}
 
 
-def make_report(computation: Exchange, entry_count: int, flags: np.ndarray) -> Dict[str, Any]:
+def make_report(computation: Exchange, entry_count: int, flags: NDArray[Any]) -> Dict[str, Any]:
     """From a finished computation. Keys: dimension, points, control_vertices, entries, options (as resolved by the
     server), the counters of Summary, rows (by flag), linear_precision_error_max (diagonals), seconds (by stage),
     cage_cache_hit, numerics_version, build_version, warnings, and resumed_rows: where the computation went on after a
@@ -46,7 +47,7 @@ def make_report(computation: Exchange, entry_count: int, flags: np.ndarray) -> D
     return report
 
 
-def rows_by_flag(flags: np.ndarray) -> Dict[str, int]:
+def rows_by_flag(flags: NDArray[Any]) -> Dict[str, int]:
     """How many rows carry each flag."""
     return {name.replace("-", "_"): int(np.count_nonzero(flags & (1 << bit))) for bit, name in enumerate(flag_names())}
 
@@ -64,7 +65,7 @@ def statistics(binding: Binding) -> Dict[str, Any]:
     }
 
 
-def linear_precision_error(binding: Binding, cage: Cage, points: np.ndarray) -> float:
+def linear_precision_error(binding: Binding, cage: Cage, points: NDArray[Any]) -> float:
     """Largest |sum a_v x_v - x| / max(1, |x|) over the rows, in double precision, in the cage's normalized frame:
     origin at the bounding-box centre of the used control vertices, unit its diagonal. points: n x d."""
     used = cage.control_vertices[cage.used]
@@ -99,8 +100,9 @@ def summary_lines(binding: Binding) -> List[str]:
         f'{options["dtype"]}',
     ]
     if report.get("resumed_rows"):
-        lines.append(f'resumed at row {", ".join(f"{row:,}" for row in report["resumed_rows"])} after lost connections; '
-                     "samples, seconds by stage and the error are those of the last part")
+        rows = ", ".join(f"{row:,}" for row in report["resumed_rows"])
+        lines.append(f"resumed at row {rows} after lost connections; samples, seconds by stage and the error "
+                     "are those of the last part")
     return lines + [f'warning: {warning["field"]}: {warning["message"]}' for warning in report["warnings"]]
 
 

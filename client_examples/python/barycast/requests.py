@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import enum
-from typing import Iterator, Optional, Tuple, Union
+from typing import Any, Iterator, Optional, Tuple, Union
 
 import numpy as np
+from numpy.typing import NDArray
 
 from barycast.v1 import barycast_pb2, cage_pb2
 
@@ -79,7 +80,7 @@ def query_set(point_count: int, faces: Faces) -> barycast_pb2.QuerySet:
     return barycast_pb2.QuerySet(point_count=point_count, face_count=len(faces), corner_count=len(faces.corners))
 
 
-def compute_requests(header: barycast_pb2.ComputeHeader, points: np.ndarray, faces: Faces, message_bytes_max: int
+def compute_requests(header: barycast_pb2.ComputeHeader, points: NDArray[Any], faces: Faces, message_bytes_max: int
                      ) -> Iterator[barycast_pb2.ComputeCoordinatesRequest]:
     """The header, then points and faces in blocks of at most message_bytes_max bytes (or one item)."""
     yield barycast_pb2.ComputeCoordinatesRequest(header=header)

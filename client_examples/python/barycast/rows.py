@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import Any, Optional
 
 import numpy as np
 import scipy.sparse
+from numpy.typing import NDArray
 
 from barycast.v1 import barycast_pb2
 
@@ -26,11 +28,11 @@ class Rows:
     """
 
     first_row: int
-    offsets: np.ndarray
-    indices: np.ndarray
-    values: np.ndarray
-    gradients: Optional[np.ndarray]
-    flags: np.ndarray
+    offsets: NDArray[Any]
+    indices: NDArray[Any]
+    values: NDArray[Any]
+    gradients: Optional[NDArray[Any]]
+    flags: NDArray[Any]
 
 
 def rows_from_message(block: barycast_pb2.RowBlock, dtype: Any, dimension: int, with_gradients: bool) -> Rows:
@@ -54,7 +56,7 @@ class _Growing:
         self._values = np.empty((0,) if columns is None else (0, columns), dtype)
         self._used = 0
 
-    def append(self, block: np.ndarray, part: float) -> None:
+    def append(self, block: NDArray[Any], part: float) -> None:
         """part: how much of the whole will have arrived with this block, above 0 to 1."""
         end = self._used + len(block)
         if end > len(self._values):
@@ -65,7 +67,7 @@ class _Growing:
         self._values[self._used:end] = block
         self._used = end
 
-    def finished(self) -> np.ndarray:
+    def finished(self) -> NDArray[Any]:
         """All that was appended, its spare room given back in place; nothing may be appended afterwards."""
         self._values.resize((self._used, *self._values.shape[1:]), refcheck=False)
         return self._values
@@ -78,7 +80,7 @@ class RowCollector:
     def __init__(self, point_count: int, control_vertex_count: int, dimension: int, dtype: Any,
                  with_gradients: bool) -> None:
         self._shape = (point_count, control_vertex_count)
-        self._new_gradients = (lambda: _Growing(dtype, dimension)) if with_gradients else None
+        self._new_gradients = functools.partial(_Growing, dtype, dimension) if with_gradients else None
         self._dtype = dtype
         self.flags = np.zeros(point_count, np.uint8)
         self._ends = np.zeros(point_count + 1, np.int64)
@@ -109,6 +111,6 @@ class RowCollector:
         parts = (values, indices.astype(index_type, copy=False), self._ends.astype(index_type, copy=False))
         return scipy.sparse.csr_matrix(parts, shape=self._shape, copy=False)
 
-    def gradients(self) -> Optional[np.ndarray]:
+    def gradients(self) -> Optional[NDArray[Any]]:
         """nnz x d in the order of the matrix's entries, or None; once, at the end."""
         return None if self._gradients is None else self._gradients.finished()

@@ -4,9 +4,10 @@ appearance, so that cages are connected and a model's rows are not computed six 
 from __future__ import annotations
 
 import re
-from typing import Tuple
+from typing import Any, Callable, List, Tuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .cage import Faces
 from .errors import InputError
@@ -31,7 +32,7 @@ def read_stl(path: str, data: bytes) -> Model:
                      "announces; export it again", field=path)
 
 
-def _merge(path: str, corners: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+def _merge(path: str, corners: NDArray[Any]) -> Tuple[NDArray[Any], NDArray[Any]]:
     """Unique positions in order of appearance, and for every corner the number of its position."""
     if len(corners) == 0:
         raise InputError("holds no facets", field=path)
@@ -46,14 +47,15 @@ def _merge(path: str, corners: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
     return corners[first[order]].astype(np.float64), rank[inverse.ravel()]
 
 
-def _normals(triangles: np.ndarray) -> np.ndarray:
+def _normals(triangles: NDArray[Any]) -> NDArray[Any]:
     """k x 3 unit normals of k x 3 x 3 corners; 0 for facets without area, as the format asks."""
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    return np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
+    unit: NDArray[Any] = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
+    return unit
 
 
-def _model(path: str, corners: np.ndarray, rewrite_facets: object) -> Model:
+def _model(path: str, corners: NDArray[Any], rewrite_facets: Callable[[NDArray[Any]], bytes]) -> Model:
     points, index = _merge(path, corners)
     return Model(path, points, Faces.of(index.reshape(-1, 3)), no_segments(),
                  lambda positions: rewrite_facets(positions[index].reshape(-1, 3, 3)))
@@ -62,7 +64,7 @@ def _model(path: str, corners: np.ndarray, rewrite_facets: object) -> Model:
 def _read_binary(path: str, data: bytes, count: int) -> Model:
     facets = np.frombuffer(data, _FACET, count, _HEADER_BYTES)
 
-    def rewrite(triangles: np.ndarray) -> bytes:
+    def rewrite(triangles: NDArray[Any]) -> bytes:
         moved = facets.copy()
         moved["corners"] = triangles
         moved["normal"] = _normals(triangles)
@@ -73,7 +75,9 @@ def _read_binary(path: str, data: bytes, count: int) -> Model:
 
 def _read_ascii(path: str, data: bytes) -> Model:
     lines = data.splitlines(keepends=True)
-    corners, vertex_lines, normal_lines = [], [], []
+    corners: List[Any] = []
+    vertex_lines: List[int] = []
+    normal_lines: List[int] = []
     for number, line in enumerate(lines):
         tokens = line.split()
         keyword = tokens[0].lower() if tokens else b""
@@ -93,13 +97,15 @@ def _read_ascii(path: str, data: bytes) -> Model:
         raise InputError(f"ends with {len(vertex_lines)} vertices for {len(normal_lines)} facets; export it again",
                          field=path)
 
-    def rewrite(triangles: np.ndarray) -> bytes:
+    def rewrite(triangles: NDArray[Any]) -> bytes:
         changed = list(lines)
         for numbers, pattern, values in ((normal_lines, _NORMAL, _normals(triangles)),
                                          (vertex_lines, _VERTEX, triangles.reshape(-1, 3))):
             text = number_bytes(values.ravel())
             for row, number in enumerate(numbers):
-                head, tail = pattern.fullmatch(lines[number]).groups()
+                match = pattern.fullmatch(lines[number])
+                assert match is not None  # the line was read with the same keyword
+                head, tail = match.groups()
                 changed[number] = head + b" ".join(text[3 * row:3 * row + 3]) + tail
         return b"".join(changed)
 

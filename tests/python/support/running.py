@@ -24,8 +24,8 @@ def serving(daemon: Path, *flags: object) -> Iterator[int]:
     """The port on loopback of a daemon with these flags."""
     with tempfile.TemporaryDirectory() as folder:
         port_file = Path(folder) / "port"
-        process = subprocess.Popen([str(daemon), "--listen", "127.0.0.1:0", "--port-file", str(port_file), "--log-level",
-                                    "error", "--exit-on-stdin-close", *map(str, flags)], stdin=subprocess.PIPE)
+        process = subprocess.Popen([str(daemon), "--listen", "127.0.0.1:0", "--port-file", str(port_file),
+                                    "--log-level", "error", "--exit-on-stdin-close", *map(str, flags)], stdin=subprocess.PIPE)
         try:
             deadline = time.monotonic() + 30
             while not port_file.exists() and process.poll() is None and time.monotonic() < deadline:
