@@ -12,7 +12,9 @@ FOREIGN = ("grpc/", "grpcpp/", "grpc++/", "google/", "spdlog/", "barycast/v1/")
 WIRE_FILES = ("decode*", "query_assembler*", "encode*", "service*", "status*", "compute_call*", "compute_job*",
               "upload_call*")
 HEALTH = "health.grpc.pb.h"  # the probe's, in daemon.cpp
-
+# The same for the C++ client: what its users include is in include/barycast/client and knows nothing but itself.
+CLIENT_WIRE_FILES = ("client.cpp", "compute*", "connection*", "messages*", "request_blocks*", "rpc_status*")
+CLIENT_HEADERS = "barycast/client/"
 
 
 def includes(path):
@@ -43,11 +45,28 @@ def check(root):
                 continue
             if name.endswith(".pb.h") and not any(fnmatch.fnmatch(path.name, p) for p in WIRE_FILES):
                 report(path, name, "generated headers belong to " + ", ".join(WIRE_FILES))
-    for path in house.sources(root / "client_examples"):
-        for _, name in includes(path):
-            if name.split("/")[0] in house.LAYERS or name.split("/")[0] in ("core", "server"):
-                report(path, name, "clients know the API only")
+    check_client(root / "client_examples" / "cpp", report)
     return violations
+
+
+def check_client(folder, report):
+    """The C++ client: its public headers, and who may know the wire."""
+    public = folder / "include"
+    for path in house.sources(folder):
+        is_public, is_library = public in path.parents, folder / "src" in path.parents
+        for mark, name in includes(path):
+            if name.split("/")[0] in (*house.LAYERS, "core", "server"):
+                report(path, name, "clients know the API only")
+            elif name.startswith(CLIENT_HEADERS):
+                if not (public / name).is_file():
+                    report(path, name, "there is no such public header")
+            elif name.startswith(FOREIGN) or name.endswith(".pb.h"):
+                if not is_library or not any(fnmatch.fnmatch(path.name, p) for p in CLIENT_WIRE_FILES):
+                    report(path, name, "gRPC and protobuf belong to src/: " + ", ".join(CLIENT_WIRE_FILES))
+            elif is_public and mark == '"':
+                report(path, name, f"public headers include the standard library and {CLIENT_HEADERS}")
+            elif mark == '"' and not (path.parent / name).is_file():
+                report(path, name, "includes its own folder and the public headers")
 
 
 def self_test():
@@ -65,7 +84,18 @@ def self_test():
     assert violates({"server/cage_cache.h": '#include "barycast/v1/cage.pb.h"\n'}) == 1
     assert violates({"server/daemon.cpp": '#include "health.grpc.pb.h"\n#include "barycast/v1/barycast.pb.h"\n'}) == 1
     assert violates({"client_examples/cpp/a.cpp": '#include "bind/binding.h"\n'}) == 1
-    assert violates({"client_examples/cpp/a.cpp": '#include "barycast/v1/cage.pb.h"\n'}) == 0
+    client = "client_examples/cpp/"
+    header = {client + "include/barycast/client/a.h": "#include <vector>\n"}
+    use = '#include "barycast/client/a.h"\n'
+    wire = '#include "barycast/v1/cage.pb.h"\n#include <grpcpp/grpcpp.h>\n'
+    assert violates({**header, client + "src/compute.cpp": use + wire, client + "program/main.cpp": use}) == 0
+    assert violates({**header, client + "src/cage.cpp": use + wire}) == 2
+    assert violates({**header, client + "program/messages.cpp": wire}) == 2
+    assert violates({client + "include/barycast/client/client.h": wire}) == 2
+    assert violates({client + "src/cage.cpp": use}) == 1
+    assert violates({client + "program/a.cpp": '#include "retry.h"\n', client + "src/retry.h": ""}) == 1
+    assert violates({client + "include/barycast/client/b.h": '#include "c.h"\n',
+                     client + "include/barycast/client/c.h": ""}) == 1
 
 
 if __name__ == "__main__":
