@@ -1,0 +1,94 @@
+#include "report.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstdio>
+
+namespace barycast::program {
+namespace {
+
+std::string thousands(uint64_t value) {
+  std::string text = std::to_string(value);
+  for (size_t digits = 3; digits < text.size(); digits += 4) text.insert(text.size() - digits, 1, ',');
+  return text;
+}
+
+std::string decimals(double value, const char* format = "%.3f") {
+  char text[64];
+  std::snprintf(text, sizeof text, format, value);
+  return text;
+}
+
+void append(std::string& list, const std::string& item) {
+  list += (list.empty() ? "" : ", ") + item;
+}
+
+}  // namespace
+
+ProgressBar::ProgressBar(bool quiet) : visible_(!quiet && isatty(STDERR_FILENO) == 1) {}
+
+ProgressBar::~ProgressBar() {
+  if (drawn_) std::fputs("\r\033[K", stderr);
+}
+
+void ProgressBar::show(const client::Progress& progress) {
+  if (!visible_) return;
+  constexpr size_t kWidth = 40;
+  const double part = static_cast<double>(std::min(progress.done, progress.total)) /
+                      static_cast<double>(std::max<uint64_t>(progress.total, 1));
+  const auto filled = static_cast<size_t>(part * kWidth);
+  std::fprintf(stderr, "\r%-10s%3.0f%%|%s%s|", name(progress.stage).c_str(), 100 * part,
+               std::string(filled, '#').c_str(), std::string(kWidth - filled, ' ').c_str());
+  std::fflush(stderr);
+  drawn_ = true;
+}
+
+std::string summary(const client::Binding& binding) {
+  const client::Report& report = binding.report;
+  const client::ComputeOptions& options = report.options;
+  std::string stages, flagged, walks;
+  double total = 0;
+  for (const auto& [stage, seconds] : report.seconds) {
+    if (stage == "total") {
+      total = seconds;
+    } else {
+      append(stages, stage + " " + decimals(seconds));
+    }
+  }
+  const auto add_count = [](std::string& list, uint64_t count, const char* label) {
+    if (count > 0) append(list, thousands(count) + " " + label);
+  };
+  add_count(flagged, report.rows.on_cage, "on cage");
+  add_count(flagged, report.rows.outside, "outside");
+  add_count(flagged, report.rows.few_samples, "few samples");
+  add_count(flagged, report.rows.no_samples, "no samples");
+  add_count(flagged, report.rows.rank_deficient, "rank deficient");
+  add_count(walks, report.walk_steps, "walk steps");
+  add_count(walks, report.walks_capped, "capped");
+  add_count(walks, report.walks_discarded, "discarded");
+  add_count(walks, report.walk_reentries, "re-entries");
+  uint64_t per_row_max = 0;
+  for (size_t row = 0; row < binding.point_count(); ++row) {
+    per_row_max = std::max(per_row_max, binding.offsets[row + 1] - binding.offsets[row]);
+  }
+  const double per_row =
+      static_cast<double>(binding.indices.size()) / static_cast<double>(std::max<size_t>(binding.point_count(), 1));
+
+  std::string text =
+      thousands(report.points) + " points, " + thousands(report.control_vertices) + " control vertices, " +
+      name(options.coordinates) + ", " + std::to_string(options.samples.value_or(0)) + " samples per point, preset " +
+      name(options.preset) + ", denoise " + name(options.denoise) + ", seed " + std::to_string(options.seed) + "\n";
+  text += "seconds: " + decimals(total) + " in all (" + stages + ")\n";
+  text += "samples: " + thousands(report.samples) + (walks.empty() ? "" : ", " + walks) + "\n";
+  text += "coordinates per row: " + decimals(per_row, "%.1f") + " mean, " + std::to_string(per_row_max) + " max\n";
+  text += "rows flagged: " + (flagged.empty() ? "none" : flagged) + "\n";
+  text += "linear-precision error: " + decimals(report.linear_precision_error_max, "%.1e") +
+          " diagonals before rounding to " + name(options.type) + "\n";
+  for (const client::Warning& warning : report.warnings) {
+    text += "warning: " + warning.field + ": " + warning.message + "\n";
+  }
+  return text;
+}
+
+}  // namespace barycast::program
