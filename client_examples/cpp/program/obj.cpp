@@ -130,8 +130,9 @@ Result<std::vector<int64_t>> Parser::corners(size_t least) const {
     }
     const int64_t from_zero = index > 0 ? index - 1 : count + index;
     if (index == 0 || from_zero < 0 || from_zero > kIndexMax) {
-      return error(from_zero > 0 ? "names vertex " + std::to_string(index) + ", more than a file can hold"
-                                 : "names a vertex before the first; indices start at 1, negative ones count back");
+      return error(from_zero > kIndexMax
+                       ? "names vertex " + std::to_string(index) + ", more than a file can hold"
+                       : "names a vertex before the first; indices start at 1, negative ones count back");
     }
     indices.push_back(from_zero);
   }
