@@ -3,7 +3,9 @@ BARYCAST_BIN_DIR: the build's bin folder; tests of the daemon are skipped withou
 meshes; tests that read them are skipped without."""
 
 import os
+import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -81,3 +83,43 @@ def real_daemon(environment, monkeypatch) -> Path:
 def daemon(request) -> Path:
     """Both daemons in turn."""
     return request.getfixturevalue(f"{request.param}_daemon")
+
+
+@pytest.fixture
+def program() -> Path:
+    """barycast_bind, the C++ client's program."""
+    path = real_daemon_path().with_name("barycast_bind")
+    if not path.exists():
+        pytest.skip(f"no program {path} (environment variable BARYCAST_BIN_DIR)")
+    return path
+
+
+@pytest.fixture
+def cpp(program, environment):
+    """Runs the program; environment may still change."""
+    def call(*arguments):
+        return subprocess.run([str(program), *map(str, arguments)], env=environment, capture_output=True, text=True,
+                              timeout=120)
+    return call
+
+
+@pytest.fixture
+def tcp_daemon(real_daemon, tmp_path):
+    """Starts daemons on free ports with the given flags; returns the port."""
+    processes = []
+
+    def start(*flags):
+        port_file = tmp_path / f"port{len(processes)}"
+        process = subprocess.Popen([str(real_daemon), "--listen", "127.0.0.1:0", "--port-file", str(port_file),
+                                    "--exit-on-stdin-close", "--log-level", "error", "--threads", "2", *flags],
+                                   stdin=subprocess.PIPE)
+        processes.append(process)
+        deadline = time.monotonic() + 30
+        while not port_file.exists() and time.monotonic() < deadline:
+            time.sleep(0.01)
+        return int(port_file.read_text().rsplit(":", 1)[1])
+
+    yield start
+    for process in processes:
+        process.kill()
+        process.communicate(timeout=20)

@@ -1,4 +1,4 @@
-"""barycast_bind, the C++ client's program, against the Python client: equal bytes, equal refusals, equal endurance."""
+"""barycast_bind, the C++ client's program, against the Python client: equal bytes, equal refusals."""
 
 import fcntl
 import json
@@ -8,82 +8,15 @@ import signal
 import struct
 import subprocess
 import termios
-import threading
 import time
 
-import fake_server
-import grpc
 import numpy as np
 import pytest
 import scipy.sparse
-from conftest import real_daemon_path
-from cutting_proxy import CuttingProxy
 from running import run, write_box
-from shapes import BOX_QUADS, box_cage, box_vertices, obj_text, points_inside
+from shapes import BOX_QUADS, box_vertices, grid_text, obj_text, points_inside, polygon_cage_text
 
-from barycast import Binding, Client, load_cage, load_model
-from barycast.v1 import barycast_pb2 as pb
-from barycast.v1 import barycast_pb2_grpc
-
-
-@pytest.fixture
-def program():
-    path = real_daemon_path().with_name("barycast_bind")
-    if not path.exists():
-        pytest.skip(f"no program {path} (environment variable BARYCAST_BIN_DIR)")
-    return path
-
-
-@pytest.fixture
-def cpp(program, environment):
-    """Runs the program; environment may still change."""
-    def call(*arguments):
-        return subprocess.run([str(program), *map(str, arguments)], env=environment, capture_output=True, text=True,
-                              timeout=120)
-    return call
-
-
-@pytest.fixture
-def tcp_daemon(real_daemon, tmp_path):
-    """Starts daemons on free ports with the given flags; returns the port."""
-    processes = []
-
-    def start(*flags):
-        port_file = tmp_path / f"port{len(processes)}"
-        process = subprocess.Popen([str(real_daemon), "--listen", "127.0.0.1:0", "--port-file", str(port_file),
-                                    "--exit-on-stdin-close", "--log-level", "error", "--threads", "2", *flags],
-                                   stdin=subprocess.PIPE)
-        processes.append(process)
-        deadline = time.monotonic() + 30
-        while not port_file.exists() and time.monotonic() < deadline:
-            time.sleep(0.01)
-        return int(port_file.read_text().rsplit(":", 1)[1])
-
-    yield start
-    for process in processes:
-        process.kill()
-        process.communicate(timeout=20)
-
-
-def grid_text(size):
-    """A square of quads inside the unit box, with one triangle and one pentagon."""
-    axis = np.linspace(0.2, 0.8, size)
-    points = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-    lines = [f"v {x!r} {y!r} {0.5 + 0.1 * np.sin(7 * x)!r}" for x, y in points.tolist()]
-    for i in range(size - 1):
-        for j in range(size - 1):
-            a = size * i + j + 1
-            corners = [a, a + 1, a + size + 1, a + size]
-            lines.append("f " + " ".join(map(str, corners[:3] if (i, j) == (3, 3) else corners)))
-    return "\n".join(lines + [f"f 1 2 3 {size + 3} {size + 1}"]) + "\n"
-
-
-def polygon_cage_text():
-    """The unit box: two triangles, two quads and a hexagon, which has a vertex more than the box needs."""
-    vertices = np.r_[box_vertices(), [[0.5, 0, 1], [0.5, 1, 1]]]
-    faces = [[0, 2, 3], [0, 3, 1], [0, 1, 5, 8, 4], [2, 6, 9, 7, 3], [4, 8, 5, 7, 9, 6], [0, 4, 6, 2], [1, 3, 7, 5]]
-    return "\n".join(["v " + " ".join(map(repr, v)) for v in vertices.tolist()]
-                     + ["f " + " ".join(str(c + 1) for c in f) for f in faces]) + "\n"
+from barycast import Binding, load_cage
 
 
 def assert_equal(first, second):
@@ -229,119 +162,6 @@ def test_server_errors(cpp, environment, tmp_path):
     refused(cpp(cage, model, "-o", tmp_path / "b.npz"), 4, "status 1: no luck")
     environment["BARYCASTD"] = "/nowhere"
     refused(cpp(cage, model, "-o", tmp_path / "b.npz"), 3, "BARYCASTD", "/nowhere")
-
-
-@pytest.mark.parametrize("flags", [["--denoise", "none"], []])
-def test_resumes_across_cut_connections(cpp, tcp_daemon, environment, tmp_path, flags):
-    cage, model = tmp_path / "cage.obj", tmp_path / "model.obj"
-    cage.write_text(polygon_cage_text())
-    model.write_text(grid_text(150))
-    port = tcp_daemon()
-    common = [cage, model, "--samples", 10, "--gradients", "--dtype", "float64", *flags]
-    done = run(environment, "bind", *common, "-o", tmp_path / "py.npz", "--server", f"127.0.0.1:{port}")
-    assert done.returncode == 0, done.stderr
-    # 22,500 rows of 10 entries of 36 bytes: 8 MB in blocks of 4096 rows.
-    with CuttingProxy(port, [2_000_000, 3_500_000]) as proxy:
-        done = cpp(*common, "-o", tmp_path / "cpp.npz", "--server", proxy.address)
-    assert done.returncode == 0, done.stderr
-    assert proxy.connections == 3
-    ours, theirs = np.load(tmp_path / "cpp.npz"), np.load(tmp_path / "py.npz")
-    for name in set(ours.files) - {"report"}:
-        assert ours[name].tobytes() == theirs[name].tobytes(), name
-    reports = [json.loads(str(file["report"])) for file in (ours, theirs)]
-    for name in ("points", "entries", "rows", "options"):
-        assert reports[0][name] == reports[1][name]
-    assert "connection broke" in reports[0]["warnings"][0]["message"]
-
-
-class Rebuilt(fake_server.FakeService):
-    """Breaks the first answer after a block, and then has another numerics_version."""
-
-    version = 1
-
-    def ComputeCoordinates(self, request_iterator, context):
-        requests = list(request_iterator)
-        resume = requests[0].header.resume
-        if resume.first_row and resume.numerics_version != self.version:
-            self.behaviour.log.append("refused")
-            fake_server.abort(context, grpc.StatusCode.FAILED_PRECONDITION, "another build",
-                              fake_server.bad_request("header.resume.numerics_version", "another build"))
-        for response in super().ComputeCoordinates(iter(requests), context):
-            if response.WhichOneof("message") == "header":
-                response.header.numerics_version = self.version
-            yield response
-            if self.version == 1 and response.WhichOneof("message") == "rows":
-                self.version = 2
-                context.abort(grpc.StatusCode.UNAVAILABLE, "gone")
-
-
-@pytest.fixture
-def rebuilt(monkeypatch):
-    monkeypatch.setattr(fake_server, "FakeService", Rebuilt)
-    server = fake_server.start("127.0.0.1:0")
-    server.address = f"127.0.0.1:{server.port}"
-    yield server
-    server.stop(None)
-
-
-def test_starts_over_with_another_build(cpp, rebuilt, tmp_path):
-    cage, model = write_box(tmp_path, 2500)
-    done = cpp(cage, model, "-o", tmp_path / "b.npz", "--server", rebuilt.address)
-    assert done.returncode == 0, done.stderr
-    assert rebuilt.service.behaviour.log.count("refused") == 1
-    binding = Binding.load(tmp_path / "b.npz")
-    assert binding.report["numerics_version"] == 2 and binding.matrix.shape == (2500, 8)
-    np.testing.assert_allclose(binding.deform(box_vertices()), points_inside(2500), atol=1e-6)
-
-
-def test_uploads_once_then_inline(cpp, fake, behaviour, tmp_path):
-    cage, model = write_box(tmp_path)
-    arguments = [cage, model, "-o", tmp_path / "b.npz", "--server", fake.address]
-    assert cpp(*arguments).returncode == 0
-    assert behaviour.log == ["capabilities", "digest", "upload", "digest"]
-    fake.service.cages.clear()
-    behaviour.log.clear()
-    behaviour.uploads_ignored = True
-    assert cpp(*arguments).returncode == 0
-    assert behaviour.log == ["capabilities", "digest", "upload", "digest", "inline"]
-
-
-def test_blocks_respect_the_servers_limit(cpp, fake, behaviour, tmp_path):
-    cage, model = write_box(tmp_path)
-    model.write_text(grid_text(60))
-    sent = []
-    for limit in (16384, 4 << 20):
-        behaviour.message_bytes_max = limit
-        behaviour.request_bytes.clear()
-        assert cpp(cage, model, "-o", tmp_path / "b.npz", "--server", fake.address).returncode == 0
-        assert max(behaviour.request_bytes) <= limit
-        sent.append(list(behaviour.request_bytes))
-        behaviour.request_bytes.clear()
-        with Client(fake.address) as client:
-            parsed = load_model(model)
-            client.bind(box_cage(), parsed.points, parsed.faces)
-        assert behaviour.request_bytes == sent[-1]  # the same cuts
-    assert len(sent[0]) > 10 and len(sent[1]) == 2
-
-
-def test_waits_for_a_busy_server(cpp, tcp_daemon, tmp_path):
-    cage, model = write_box(tmp_path)
-    address = f"127.0.0.1:{tcp_daemon('--requests-max', '1')}"
-    release = threading.Event()
-
-    def holding():
-        header = pb.ComputeHeader(inline_cage=box_cage().to_message(), queries=pb.QuerySet(point_count=1))
-        yield pb.ComputeCoordinatesRequest(header=header)
-        release.wait(30)
-
-    with grpc.insecure_channel(address) as channel:
-        call = barycast_pb2_grpc.BarycastServiceStub(channel).ComputeCoordinates(holding(), timeout=60)
-        time.sleep(0.5)
-        threading.Timer(1.5, lambda: (release.set(), call.cancel())).start()
-        started = time.monotonic()
-        done = cpp(cage, model, "-o", tmp_path / "b.npz", "--server", address)
-        assert done.returncode == 0, done.stderr
-        assert time.monotonic() - started > 0.9  # the server asks for a second
 
 
 def test_progress_on_a_terminal_only(program, fake_daemon, environment, tmp_path):

@@ -5,26 +5,10 @@
 // continues it; # starts a comment. Errors name file:line. Reads as the Python client does, so that both
 // bind the same points to the same cage.
 
-#include <string>
-#include <vector>
-
-#include "barycast/client/cage.h"
+#include "model.h"
 
 namespace barycast::program {
 
-struct Model {
-  std::string path;
-  std::vector<double> points;      // n x 3
-  client::Faces faces;             // over the points
-  std::vector<uint32_t> segments;  // k x 2
-};
-
 client::Result<Model> read_obj(const std::string& path);
-
-// The model as a cage: of two dimensions when it has lines, no faces, and only z = 0.
-client::Result<client::Cage> to_cage(const Model& model);
-
-// The points for a cage of that dimension; for 2, z must be 0 everywhere and is dropped.
-client::Result<std::vector<double>> points_for(const Model& model, uint32_t dimension);
 
 }  // namespace barycast::program

@@ -1,5 +1,7 @@
 #include "compute.h"
 
+#include <algorithm>
+
 #include "messages.h"
 #include "request_blocks.h"
 
@@ -54,7 +56,8 @@ Outcome Computation::start_over() {
 Outcome Computation::attempt(CageBy by, Retry& retry, Report& report) {
   Capabilities capabilities;
   if (Outcome failure = connection_.capabilities(retry, capabilities)) return failure;
-  attempt_begin_ = next_row_;
+  // Where only the summary is missing, the last row is asked for again: a resume must have one.
+  attempt_begin_ = std::min<uint64_t>(next_row_, points_.size() - 1);
   report = {};
   CallContext context(retry, &cage_);
   const std::unique_ptr<Stream> stream = connection_.stub().ComputeCoordinates(&context.get());
@@ -91,7 +94,7 @@ v1::ComputeCoordinatesRequest Computation::header(CageBy by) const {
   *header.mutable_options() = to_message(options_);
   *header.mutable_output() = output_message(options_);
   if (next_row_ > 0) {
-    header.mutable_resume()->set_first_row(next_row_);
+    header.mutable_resume()->set_first_row(attempt_begin_);
     header.mutable_resume()->set_numerics_version(header_->numerics_version());
     if (header_->options().denoise() == v1::DENOISE_MESH) {
       header.mutable_options()->set_smoothing_time(header_->options().smoothing_time());
@@ -146,6 +149,7 @@ Outcome Computation::use_rows(const v1::RowBlock& message, Retry& retry) {
   Result<RowBlock> block = from_message(message, *header_, cage_.dimension());
   if (!block) return Failure{.error = block.error()};
   const uint64_t rows = block->flags.size();
+  if (next_row_ == points_.size() && block->first_row == attempt_begin_ && rows == 1) return std::nullopt;
   if (block->first_row != next_row_ || rows > points_.size() - next_row_) {
     return data_loss("sent rows from " + std::to_string(block->first_row) + " where row " + std::to_string(next_row_) +
                      " of " + std::to_string(points_.size()) + " was due");
@@ -153,11 +157,10 @@ Outcome Computation::use_rows(const v1::RowBlock& message, Retry& retry) {
   next_row_ += rows;
   entries_ += block->indices.size();
   count(block->flags, counts_);
-  retry.progressed();
-  if (callbacks_.on_rows && !callbacks_.on_rows(*block)) {
-    return Failure{.error = {.code = Code::kCancelled, .message = "cancelled by the receiver of the rows"}};
-  }
-  return std::nullopt;
+  const bool go_on = !callbacks_.on_rows || callbacks_.on_rows(*block);
+  retry.progressed();  // however long the receiver took
+  if (go_on) return std::nullopt;
+  return Failure{.error = {.code = Code::kCancelled, .message = "cancelled by the receiver of the rows"}};
 }
 
 Outcome Computation::use_summary(const v1::Summary& summary, Report& report) const {
