@@ -106,7 +106,7 @@ TEST_F(Verbs, ComputeHandsOverBlocksInOrder) {
                                        },
                                    .on_progress = [&](const Progress&) { ++progress; }};
   const Result<Report> report =
-      client_.compute(box(), points(), no_faces_, {.samples = 5000, .block_rows = 100}, callbacks);
+      client_.compute(box(), points(), no_faces_, {.samples = 500, .block_rows = 100}, callbacks);
   ASSERT_TRUE(report) << report.error().text();
   EXPECT_EQ(next, 500u);
   EXPECT_EQ(report->points, 500u);
