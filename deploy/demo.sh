@@ -3,6 +3,10 @@
 # other, poses it, and prints the numbers. Everything lands in build/demo/.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
+if (($#)); then
+  echo "usage: deploy/demo.sh" >&2
+  exit 2
+fi
 
 python=/usr/bin/python3  # another one earlier on PATH may lack the Debian packages
 export PYTHONDONTWRITEBYTECODE=1

@@ -129,7 +129,11 @@ int run(int argc, char** argv) {
   const Config& config = *parsed.config;
   if (config.print_config) return print_config(config);
   if (config.self_test) return run_self_test();
-  if (!config.probe.empty()) return probe(config.probe, kProbeTimeout) ? 0 : 1;
+  if (!config.probe.empty()) {
+    const bool serves = probe(config.probe, kProbeTimeout);
+    std::puts(serves ? "SERVING" : "NOT_SERVING");
+    return serves ? 0 : 1;
+  }
   init_log(config.log_format == "json" ? LogFormat::kJson : LogFormat::kText, config.log_level);
   return serve(config, signals);
 }

@@ -33,6 +33,19 @@ void add_limits(CLI::App& app, DaemonSettings& daemon) {
   app.add_option("--digests-max", limits.digests_max, "Digests of one FindMissingCages request")->group("Limits");
 }
 
+// gRPC would take a missing port for 443, and a large one modulo 65536. Empty: right.
+std::string check_host_port(const std::string& address) {
+  const size_t colon = address.rfind(':');
+  const std::string port = colon == std::string::npos ? "" : address.substr(colon + 1);
+  const bool number = !port.empty() && port.size() <= 5 && port.find_first_not_of("0123456789") == std::string::npos;
+  if (colon != 0 && number && std::stoul(port) <= 65535) return {};
+  return "must be HOST:PORT with a port from 0 to 65535, not \"" + address + "\"";
+}
+
+std::string check_listen(const std::string& address) {
+  return address.starts_with("unix:") ? "" : check_host_port(address);
+}
+
 }  // namespace
 
 std::unique_ptr<CLI::App> make_app(Config& config) {
@@ -44,10 +57,12 @@ std::unique_ptr<CLI::App> make_app(Config& config) {
       "Every setting may also come from the environment (--cache-bytes: BARYCASTD_CACHE_BYTES) or from the\n"
       "file of --config (cache-bytes = \"2GB\"); flags win over the environment, and that over the file.");
   app.add_option("--listen", daemon.listen,
-                 "HOST:PORT (port 0: any free one) or unix:/path; loopback unless told otherwise");
+                 "HOST:PORT (port 0: any free one) or unix:/path; loopback unless told otherwise")
+      ->check(check_listen);
   app.add_option("--port-file", config.port_file, "File that receives the bound address once the server is ready");
   app.add_option("--metrics-listen", daemon.metrics_listen,
-                 "HOST:PORT of the Prometheus page /metrics; off unless given");
+                 "HOST:PORT of the Prometheus page /metrics; off unless given")
+      ->check(check_host_port);
   app.add_option("--metrics-port-file", config.metrics_port_file, "File that receives the metrics page's address");
   app.add_option("--threads", daemon.threads, "Compute threads; 0: the CPUs that affinity and cgroup quota allow")
       ->check(CLI::Range(0, 1024));

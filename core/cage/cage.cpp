@@ -266,9 +266,11 @@ Result<Cage<D>> Cage<D>::create(const CageInput& input) {
   cage.frame_ = bounding_frame<D>(cage.nodes_, cage.used_);
   for (Vec<D>& node : cage.nodes_) node = cage.frame_.to_normalized(node);
   if (!spans_space<D>(cage.control_vertices(), cage.used_))
-    return invalid_argument("cage.control_vertices",
-                            D == 3 ? "the used control vertices lie in a plane; they must span space"
-                                   : "the used control vertices lie on a line; they must span the plane");
+    return invalid_argument(
+        "cage.control_vertices",
+        D == 3 ? "the used control vertices lie in a plane; they must span space (a cage in the plane has two "
+                 "coordinates per vertex, and segments)"
+               : "the used control vertices lie on a line; they must span the plane");
   cage.orientation_ = signed_volume<D>(cage.nodes_, cage.elements_) < 0.0 ? -1.0 : 1.0;
 
   for (uint32_t v = 0; v < cage.control_vertex_count_; ++v) {

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -116,6 +117,9 @@ def test_input_errors(fake_daemon, environment, tmp_path, box):
     out = tmp_path / "bind.npz"
     refused(run(environment, "bind", tmp_path / "absent.obj", model, "-o", out), 3, "absent.obj", "No such file")
     refused(run(environment, "bind", cage, model, "-o", tmp_path / "absent" / "b.npz"), 3, "cannot be written")
+    before = Path(model).read_bytes()
+    refused(run(environment, "bind", cage, model, "-o", model), 3, "must end in .npz")
+    assert Path(model).read_bytes() == before
     refused(run(environment, "bind", model, model, "-o", out), 3, "model.obj", "no cage")
     bad = tmp_path / "bad.obj"
     bad.write_text("v 0 0 0\nf 1 1 9\n")
@@ -165,7 +169,7 @@ def test_estimate(fake, behaviour, environment, box):
 def test_capabilities(daemon, environment):
     done = run(environment, "capabilities")
     assert (done.returncode, done.stderr) == (0, "")
-    for words in ("barycastd 0.", "numerics version 1", "coordinates: harmonic", "samples per point"):
+    for words in ("barycastd 0.", "numerics version ", "coordinates: harmonic", "samples per point"):
         assert words in done.stdout
     shown = json.loads(run(environment, "capabilities", "--json").stdout)
     assert "harmonic" in shown["coordinates"] and shown["limits"]["points_max"] > 0

@@ -9,6 +9,7 @@ import struct
 import subprocess
 import termios
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -128,7 +129,11 @@ def test_bad_input(cpp, real_daemon, tmp_path):
     refused(cpp(tmp_path / "absent.obj", model, "-o", out), 3, "absent.obj", "No such file")
     refused(cpp(tmp_path, model, "-o", out), 3, "does not end in .obj")
     refused(cpp(cage, model, "-o", tmp_path / "absent" / "b.npz"), 3, "cannot be written")
-    refused(cpp(cage, model, "-o", tmp_path), 3, "no regular file")
+    (tmp_path / "folder.npz").mkdir()
+    refused(cpp(cage, model, "-o", tmp_path / "folder.npz"), 3, "no regular file")
+    before = Path(model).read_bytes()
+    refused(cpp(cage, model, "-o", model), 3, "must end in .npz")
+    assert Path(model).read_bytes() == before
     refused(cpp(cage, model, "-o", out, "--samples", 2000000000), 3, "options.samples")
     flat = tmp_path / "flat.obj"
     flat.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")

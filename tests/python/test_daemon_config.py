@@ -84,6 +84,10 @@ def test_errors_of_the_environment_name_the_variable(real_daemon):
     (("--log-format", "xml"), "--log-format"),
     (("--config", "/no/such/file"), "/no/such/file"),
     (("extra",), "extra"),
+    (("--listen", "127.0.0.1"), "--listen: must be HOST:PORT"),
+    (("--listen", "127.0.0.1:65536"), "--listen: must be HOST:PORT"),
+    (("--listen", ":1"), "--listen: must be HOST:PORT"),
+    (("--metrics-listen", "127.0.0.1:http"), "--metrics-listen: must be HOST:PORT"),
 ])
 def test_errors_of_the_command_line(real_daemon, arguments, named):
     result = run(real_daemon, *arguments)

@@ -50,6 +50,7 @@ Outcome Computation::start_over() {
   next_row_ = 0;
   entries_ = 0;
   counts_ = {};
+  resumed_rows_.clear();
   return std::nullopt;
 }
 
@@ -96,9 +97,7 @@ v1::ComputeCoordinatesRequest Computation::header(CageBy by) const {
   if (next_row_ > 0) {
     header.mutable_resume()->set_first_row(attempt_begin_);
     header.mutable_resume()->set_numerics_version(header_->numerics_version());
-    if (header_->options().denoise() == v1::DENOISE_MESH) {
-      header.mutable_options()->set_smoothing_time(header_->options().smoothing_time());
-    }
+    header.mutable_resume()->set_smoothing_time(header_->options().smoothing_time());
   }
   return request;
 }
@@ -141,6 +140,7 @@ Outcome Computation::use_header(const v1::ResponseHeader& header) {
     return data_loss("the server writes rows otherwise than asked", "header.output");
   }
   if (next_row_ > 0 && header.numerics_version() != header_->numerics_version()) return build_changed();
+  if (next_row_ > 0) resumed_rows_.push_back(next_row_);
   header_ = header;
   return std::nullopt;
 }
@@ -172,12 +172,7 @@ Outcome Computation::use_summary(const v1::Summary& summary, Report& report) con
   report.points = next_row_;
   report.entries = entries_;
   report.rows = counts_;
-  if (attempt_begin_ > 0) {
-    report.warnings.push_back({"rows",
-                               "the connection broke; samples, walks, seconds and the linear-precision error are "
-                               "those of the rows from " +
-                                   std::to_string(attempt_begin_)});
-  }
+  report.resumed_rows = resumed_rows_;
   return std::nullopt;
 }
 

@@ -48,6 +48,7 @@ class Computation {
   uint64_t attempt_begin_ = 0;  // first row of this attempt
   uint64_t entries_ = 0;
   RowCounts counts_;
+  std::vector<uint64_t> resumed_rows_;
   int restarts_ = 0;
 };
 

@@ -82,7 +82,7 @@ std::string to_json(const ComputeOptions& options) {
       .add("smoothing_time", options.smoothing_time.value_or(0))
       .add("dtype", quoted(name(options.type)))
       .add("gradients", options.gradients);
-  if (options.influences_max > 0) object.add("influences_max", uint64_t{options.influences_max});
+  object.add("influences_max", uint64_t{options.influences_max});
   return object.text();
 }
 
@@ -101,6 +101,8 @@ std::string to_json(const Report& report) {
     const Object object = Object().add("field", quoted(warning.field)).add("message", quoted(warning.message));
     warnings += (warnings.empty() ? "" : ", ") + object.text();
   }
+  std::string resumed;
+  for (const uint64_t row : report.resumed_rows) resumed += (resumed.empty() ? "" : ", ") + std::to_string(row);
   return Object()
       .add("dimension", uint64_t{report.dimension})
       .add("points", report.points)
@@ -113,6 +115,7 @@ std::string to_json(const Report& report) {
       .add("cage_cache_hit", report.cage_cache_hit)
       .add("numerics_version", uint64_t{report.numerics_version})
       .add("warnings", "[" + warnings + "]")
+      .add("resumed_rows", "[" + resumed + "]")
       .add("samples", report.samples)
       .add("walk_steps", report.walk_steps)
       .add("walks_capped", report.walks_capped)

@@ -40,7 +40,8 @@ Failure to_failure(const grpc::Status& status) {
   }
   Error& error = failure.error;
   if (error.message.empty()) error.message = "the call failed with gRPC status " + std::to_string(status.error_code());
-  failure.build_changed = error.code == Code::kFailedPrecondition && error.field.ends_with("resume.numerics_version");
+  // Another build, or one whose smoothing time differs in its last bit: its rows must not be mixed with the first.
+  failure.build_changed = error.code == Code::kFailedPrecondition && error.field.find(".resume.") != std::string::npos;
   // Waiting helps only where the server says so.
   if (error.code != Code::kResourceExhausted) failure.retry_after.reset();
   error.is_input = error.code == Code::kInvalidArgument || error.code == Code::kOutOfRange ||

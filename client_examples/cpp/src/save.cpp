@@ -88,6 +88,8 @@ struct CloseFile {
 }  // namespace
 
 Status check_output(const std::string& path) {
+  // So that no mistyped name overwrites a model or a cage.
+  if (fs::path(path).extension() != ".npz") return cannot_write(path, "must end in .npz", Code::kInvalidArgument);
   const Result<fs::path> target = output_target(path);
   if (!target) return target.error();
   return Done{};

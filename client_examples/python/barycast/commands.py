@@ -21,10 +21,13 @@ from .report import capability_lines, capability_values, linear_precision_error,
 def bind(arguments: argparse.Namespace) -> None:
     """Computes a binding and writes it, or says what it would cost."""
     if not arguments.estimate:
-        files.check_output(arguments.output)
+        files.check_binding_output(arguments.output)
     cage = load_cage(arguments.cage)
     model = load_model(arguments.model)
     points = points_for(model, cage.dimension)
+    if len(cage.control_vertices) > len(points):
+        print(f"barycast: note: the cage has more vertices ({len(cage.control_vertices):,}) than the model has points "
+              f"({len(points):,}); are they swapped?", file=sys.stderr)
     options = compute_options(arguments.coordinates, arguments.preset, arguments.samples, arguments.seed,
                               arguments.denoise, arguments.thickness, arguments.walk_steps_max, arguments.prune_below)
     output = output_options(arguments.dtype, arguments.gradients, arguments.influences)

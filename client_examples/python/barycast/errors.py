@@ -18,6 +18,10 @@ from . import rpc_details
 _INPUT_CODES = ("INVALID_ARGUMENT", "OUT_OF_RANGE", "UNIMPLEMENTED")
 
 
+# What gRPC says when there was no connection at all.
+_NOBODY_THERE = ("failed to connect", "DNS resolution failed")
+
+
 class BarycastError(Exception):
     """Base of all errors of this package.
 
@@ -68,6 +72,8 @@ def from_rpc_error(error: grpc.RpcError) -> BarycastError:
     code = error.code().name
     details = rpc_details.decode(error.trailing_metadata() or ())
     message = error.details() or code.replace("_", " ").lower()
+    if code == "UNAVAILABLE" and any(words in message for words in _NOBODY_THERE):
+        message = f"no server answers at that address; is barycastd running, and the address right? ({message})"
     if details.missing:
         return MissingCageError(message, field="cage_digest", code=code)
     if details.field:

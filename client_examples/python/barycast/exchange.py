@@ -43,6 +43,8 @@ class Exchange:
         self._make_retry = make_retry
         self._rows_kept = rows_kept
         self.build_version = ""
+        if not isinstance(cage, Cage):
+            raise InputError(f"must be a Cage, not {type(cage).__name__}; make one with load_cage", field="cage")
         if self._points.shape[1] != cage.dimension:
             raise InputError(f"have {self._points.shape[1]} coordinates, the cage has {cage.dimension}", field="points")
         if len(self._points) == 0:
@@ -94,7 +96,7 @@ class Exchange:
             first_row = min(self._next_row, len(self) - 1)
             header.resume.first_row = first_row
             header.resume.numerics_version = self.header.numerics_version
-            header.options.smoothing_time = self.header.options.smoothing_time
+            header.resume.smoothing_time = self.header.options.smoothing_time
         return header
 
     def receive(self, response: barycast_pb2.ComputeCoordinatesResponse) -> Optional[Rows]:

@@ -29,6 +29,13 @@ def check_output(path: PathLike) -> Path:
     return target
 
 
+def check_binding_output(path: PathLike) -> Path:
+    """As check_output, for a binding. It must end in .npz, so that no mistyped name overwrites a model or a cage."""
+    if Path(path).suffix.lower() != ".npz":
+        raise InputError("must end in .npz: a binding is a numpy archive", field=str(path))
+    return check_output(path)
+
+
 def write_atomically(path: PathLike, write: Callable[[BinaryIO], object]) -> None:
     """Calls write with a new file beside path and then renames it: readers see the old file or the whole new one.
     Throws InputError when the file cannot be written."""

@@ -47,7 +47,7 @@ struct Report {
   uint64_t entries = 0;
   ComputeOptions options;  // as resolved by the server, every field set
   RowCounts rows;
-  // Of the last attempt alone, where a broken one was resumed: a warning then says so.
+  // Of the last attempt alone, where a broken one was resumed.
   uint64_t samples = 0, walk_steps = 0, walks_capped = 0, walks_discarded = 0, walk_reentries = 0;
   double linear_precision_error_max = 0;                // before rounding to the output type, in diagonals
   std::vector<std::pair<std::string, double>> seconds;  // the server's, by stage; "total" is the client's wall time
@@ -55,6 +55,7 @@ struct Report {
   uint32_t numerics_version = 0;  // never mix rows of different ones
   std::string build_version;      // set by Client::bind
   std::vector<Warning> warnings;
+  std::vector<uint64_t> resumed_rows;  // where the computation went on after a lost connection
 };
 
 struct Binding {
