@@ -11,12 +11,6 @@ Error from_cage(Error error) {
   return error;
 }
 
-template <int D>
-Status check(const CageInput& input) {
-  const Result<Cage<D>> cage = Cage<D>::create(input);
-  return cage.ok() ? Status(Done{}) : Status(from_cage(cage.error()));
-}
-
 }  // namespace
 
 Status check_digest(const CageDigest& actual, const std::optional<CageDigest>& expected,
@@ -29,7 +23,8 @@ Status check_digest(const CageDigest& actual, const std::optional<CageDigest>& e
 }
 
 Status check_cage(const CageStorage& storage) {
-  return storage.dimension == 2 ? check<2>(storage.input()) : check<3>(storage.input());
+  const Status sound = CageIndex::check(storage.input());
+  return sound.ok() ? sound : Status(from_cage(sound.error()));
 }
 
 CageCache::Found get_index(CageCache& cages, const CageDigest& digest, CageStorage storage, CageCache::Waiter waiter) {

@@ -53,8 +53,8 @@ class ComputeCall final : public grpc::ServerBidiReactor<Request, Response> {
   void read() {
     const auto limit = state_.limits.receive_idle_max;
     // The read that is still under way ends with the call.
-    timeout_.start(limit, [this, limit] { conclude(silent_refusal(limit)); });
-    StartRead(&request_);
+    timeout_.watch(
+        limit, [this] { StartRead(&request_); }, [this, limit] { conclude(silent_refusal(limit)); });
   }
 
   // Receiving, on the arena.

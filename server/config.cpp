@@ -57,12 +57,19 @@ void check_hashes(std::ifstream& in) {
   size_t number = 0;
   for (std::string line; std::getline(in, line);) {
     ++number;
-    const auto hash = line.find('#');
-    const auto quotes =
-        std::count(line.begin(), line.begin() + static_cast<std::ptrdiff_t>(std::min(hash, line.size())), '"');
-    if (hash != std::string::npos && quotes % 2 == 1)
-      throw CLI::FileError(
-          fmt::format("line {}: a value in the file cannot hold a #; use the flag or the environment", number));
+    char quote = 0;  // the one that is open
+    for (const char c : line) {
+      if (c == '#' && quote == 0) break;
+      if (c == '#') {
+        throw CLI::FileError(
+            fmt::format("line {}: a value in the file cannot hold a #; use the flag or the environment", number));
+      }
+      if (c == quote) {
+        quote = 0;
+      } else if (quote == 0 && (c == '"' || c == '\'')) {
+        quote = c;
+      }
+    }
   }
   in.clear();
   in.seekg(0);

@@ -24,7 +24,8 @@ inline constexpr std::array<const char*, 5> kStageNames = {"cage", "sampling", "
                                                            "rows"};
 using StageSeconds = std::array<double, kStageNames.size()>;
 
-// Durations in buckets of thirds of a decade. Seconds are summed in nanoseconds: 64 bits last for centuries.
+// Durations in two or three buckets a decade up to some seconds, two beyond. Seconds are summed in nanoseconds: 64 bits
+// last for centuries.
 class DurationHistogram {
  public:
   static constexpr std::array<double, 16> kBounds = {1e-4, 2.5e-4, 5e-4, 1e-3, 2.5e-3, 5e-3, 1e-2, 2.5e-2,

@@ -7,7 +7,7 @@
 // Pure functions, thread-safe, linear in the size of their input. Errors carry the path of the field:
 // "header..." for the first message of ComputeCoordinates, "cage..." for a cage wherever it came from.
 // kInvalidArgument: wrong and stays wrong. kResourceExhausted: a cage over the limit. kUnimplemented:
-// kinds and elements not built yet. kFailedPrecondition: rows of another numerics_version.
+// elements not built yet. kFailedPrecondition: rows of another numerics_version.
 
 #include <optional>
 #include <string>

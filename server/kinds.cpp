@@ -3,14 +3,7 @@
 namespace barycast::server {
 
 std::vector<CoordinateKind> built_kinds() {
-  std::vector<CoordinateKind> kinds;
-  for (const CoordinateKind kind :
-       {CoordinateKind::kHarmonic, CoordinateKind::kMeanValue, CoordinateKind::kPositiveMeanValue}) {
-    Options options;
-    options.coordinates = kind;
-    if (resolve(options, false).ok()) kinds.push_back(kind);
-  }
-  return kinds;
+  return {CoordinateKind::kHarmonic, CoordinateKind::kMeanValue, CoordinateKind::kPositiveMeanValue};
 }
 
 const char* kind_name(CoordinateKind kind) {

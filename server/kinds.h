@@ -1,7 +1,7 @@
 #pragma once
 
-// The kinds of coordinates that this build computes, as the library's `resolve` says: GetCapabilities lists
-// them, and the self-test tries each. Pure functions.
+// The kinds of coordinates that this build computes: GetCapabilities lists them, and the self-test tries each.
+// Pure functions.
 
 #include <vector>
 

@@ -3,10 +3,10 @@
 // Bounds a wait for the client's next message, so that a client which falls silent does not keep its place
 // for ever. Either the read ends the wait or the time does, never both: whoever comes first owns the call.
 //
-//   timeout.start(60s, [this] { refuse(); });  StartRead(&request);
+//   timeout.watch(60s, [this] { StartRead(&request); }, [this] { refuse(); });
 //   OnReadDone:  if (!timeout.stop()) return;
 //
-// `start` and `stop` alternate; `on_timeout` runs on one of gRPC's threads.
+// `watch` and `stop` alternate; `on_timeout` runs on one of gRPC's threads, while the read is under way.
 
 #include <grpcpp/alarm.h>
 
@@ -14,31 +14,40 @@
 #include <chrono>
 #include <functional>
 #include <memory>
+#include <mutex>
 
 namespace barycast::server {
 
 class ReadTimeout {
  public:
-  void start(std::chrono::milliseconds limit, std::function<void()> on_timeout) {
-    waiting_ = std::make_shared<std::atomic<bool>>(true);
-    alarm_ = std::make_unique<grpc::Alarm>();
-    // May run after this object is gone, but then the wait is over and nothing is called.
-    alarm_->Set(std::chrono::system_clock::now() + limit,
-                [waiting = waiting_, on_timeout = std::move(on_timeout)](bool expired) {
-                  if (expired && waiting->exchange(false)) on_timeout();
-                });
+  void watch(std::chrono::milliseconds limit, const std::function<void()>& start_read,
+             std::function<void()> on_timeout) {
+    const auto wait = std::make_shared<Wait>();
+    wait_ = wait;
+    start_read();
+    // From here on the read may have ended, and the call with this object in it be gone.
+    const std::lock_guard lock(wait->mutex);
+    if (!wait->open) return;
+    wait->alarm.Set(std::chrono::system_clock::now() + limit, [wait, on_timeout = std::move(on_timeout)](bool expired) {
+      if (expired && wait->open.exchange(false)) on_timeout();
+    });
   }
 
   // False: the time was up first, and `on_timeout` was or is being called.
   bool stop() {
-    const bool in_time = waiting_->exchange(false);
-    if (in_time) alarm_.reset();
-    return in_time;
+    if (!wait_->open.exchange(false)) return false;
+    const std::lock_guard lock(wait_->mutex);
+    wait_->alarm.Cancel();
+    return true;
   }
 
  private:
-  std::shared_ptr<std::atomic<bool>> waiting_;
-  std::unique_ptr<grpc::Alarm> alarm_;
+  struct Wait {
+    std::atomic<bool> open{true};
+    std::mutex mutex;  // of the alarm
+    grpc::Alarm alarm;
+  };
+  std::shared_ptr<Wait> wait_;
 };
 
 }  // namespace barycast::server

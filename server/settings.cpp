@@ -98,6 +98,10 @@ std::string config_text(Config config) {
     const bool is_flag = key == "exit-on-stdin-close";
     std::string value = !is_flag ? option->get_default_str() : config.exit_on_stdin_close ? "true" : "false";
     const bool is_number = !value.empty() && value.find_first_not_of("0123456789") == std::string::npos;
+    if (value.find('"') != std::string::npos && value.find('\'') != std::string::npos) {
+      text += "# " + key + ": holds quotes of both kinds, which no line of a file can\n";
+      continue;
+    }
     // A TOML literal takes everything but an apostrophe.
     if (!is_flag && !is_number) value = value.find('"') == std::string::npos ? '"' + value + '"' : "'" + value + "'";
     text += key + " = " + value + "\n";

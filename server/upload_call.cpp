@@ -47,8 +47,8 @@ class UploadCall final : public grpc::ServerReadReactor<v1::UploadCageRequest> {
   void read() {
     const auto limit = state_.limits.receive_idle_max;
     // The read that is still under way ends with the call.
-    timeout_.start(limit, [this, limit] { conclude(silent_refusal(limit)); });
-    StartRead(&request_);
+    timeout_.watch(
+        limit, [this] { StartRead(&request_); }, [this, limit] { conclude(silent_refusal(limit)); });
   }
 
   std::optional<Refusal> collect() {

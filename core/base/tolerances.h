@@ -34,10 +34,12 @@ inline constexpr double kReentryRadius = 1.3 * kEnclosingRadius;
 // Total weight of the pseudo-samples at the control vertices, in mean samples: measured on a box and on
 // a character cage, 0.1 removes the outliers of nearly singular moments at a bias of 0.1 / samples.
 inline constexpr double kPseudoSampleWeight = 0.1;
-// Signed weights may amplify noise by this much more than their magnitudes would, in the coordinates of the
-// query and anywhere else; beyond, magnitudes take over.
+// Signed weights may let through this much more noise than their magnitudes would in the coordinates of the query;
+// beyond, magnitudes take over.
 inline constexpr double kSignedAmplificationMax = 10.0;
-inline constexpr double kSignedAmplificationMaxAnywhere = 1000.0;
+// ... and this much anywhere in the fits: smoothing carries fits from far points to near ones, where rounding that
+// is magnified further would break the promise of linear precision.
+inline constexpr double kSignedAmplificationMaxAnywhere = 1e4;
 // Reciprocal condition below which a moment matrix counts as singular (paper preset).
 inline constexpr double kMomentRcondMin = 1e-10;
 // Rows from fewer samples say so [SBC 4.5 Limitations].

@@ -23,12 +23,26 @@ Result<CageIndex::Structures> build(const CageInput& input) {
   return CageIndex::Structures(std::unique_ptr<const CageStructures<D>>(std::move(structures)));
 }
 
+template <int D>
+Status check_of(const CageInput& input) {
+  const auto cage = Cage<D>::create(input);
+  return cage ? check_distance_index(*cage) : Status(cage.error());
+}
+
+Status check_dimension(const CageInput& input) {
+  if (input.dimension == 2 || input.dimension == 3) return Done{};
+  return invalid_argument("cage.control_vertices", "must have 2 or 3 columns, has " + std::to_string(input.dimension));
+}
+
 }  // namespace
 
+Status CageIndex::check(const CageInput& input) {
+  if (Status known = check_dimension(input); !known) return known;
+  return input.dimension == 2 ? check_of<2>(input) : check_of<3>(input);
+}
+
 Result<std::shared_ptr<const CageIndex>> CageIndex::create(const CageInput& input) {
-  if (input.dimension != 2 && input.dimension != 3)
-    return invalid_argument("cage.control_vertices",
-                            "must have 2 or 3 columns, has " + std::to_string(input.dimension));
+  if (Status known = check_dimension(input); !known) return known.error();
   auto structures = input.dimension == 2 ? build<2>(input) : build<3>(input);
   if (!structures) return structures.error();
   return std::shared_ptr<const CageIndex>(new CageIndex(std::move(structures).value(), barycast::digest(input)));

@@ -37,6 +37,8 @@ class CageIndex {
 
   // Errors: those of Cage::create, and kInvalidArgument for a dimension other than 2 or 3.
   static Result<std::shared_ptr<const CageIndex>> create(const CageInput& input);
+  // Whether `create` would succeed, without building anything. Errors: the same.
+  static Status check(const CageInput& input);
   ~CageIndex();
 
   int dimension() const;

@@ -24,6 +24,8 @@ struct Density {
 // of 14 to 266 control vertices, 20 to 2,000 walks, points on inner spheres and at random; a is 2 near the
 // cage and 4 near its centre, whatever V.
 constexpr double kTouchRate = 3.0;
+// Rays over a lattice miss less.
+constexpr double kTouchRateOfRays = 8.0;
 // Denoising reaches over so many times the samples of a point before contributions fall below the pruning.
 constexpr double kSmoothingReach = 150.0;
 // A point's share of the pseudo-samples survives pruning at every vertex from this many thresholds on.
@@ -33,17 +35,18 @@ double surface_fill(double points) {
   return std::max(8.0, 4.4 * std::log2(std::max(2.0, points)) - 26.0);
 }
 
-double touched_by(double samples, const BindingSize& size) {
+double touched_by(double samples, const BindingSize& size, const ResolvedOptions& options) {
+  const double rate = options.coordinates == CoordinateKind::kHarmonic ? kTouchRate : kTouchRateOfRays;
   const auto vertices = static_cast<double>(size.control_vertices);
   // Larger polygons spread a sample over all their corners.
-  const double x = kTouchRate * samples * static_cast<double>(size.stencil_max) / 4.0 / std::max(1.0, vertices);
+  const double x = rate * samples * static_cast<double>(size.stencil_max) / 4.0 / std::max(1.0, vertices);
   return vertices * x / (1.0 + x);
 }
 
 Density expected(const BindingSize& size, const ResolvedOptions& options) {
   const auto vertices = static_cast<double>(size.control_vertices);
   const auto samples = static_cast<double>(options.samples);
-  Density data{.touched = touched_by(samples, size),
+  Density data{.touched = touched_by(samples, size, options),
                .entries = vertices,
                .smoothed_entries = vertices,
                .factor_entries = surface_fill(static_cast<double>(size.points)),
@@ -52,7 +55,7 @@ Density expected(const BindingSize& size, const ResolvedOptions& options) {
   if (options.prune_below > 0.0) {
     const double share = pseudo ? kPseudoSampleWeight / (vertices * samples * options.prune_below) : 0.0;
     data.entries = data.touched + (vertices - data.touched) * std::min(1.0, share / kPseudoKept);
-    data.smoothed_entries = std::max(data.entries, touched_by(kSmoothingReach * samples, size));
+    data.smoothed_entries = std::max(data.entries, touched_by(kSmoothingReach * samples, size, options));
   } else if (!pseudo) {
     data.entries = data.touched;
   }
@@ -61,8 +64,10 @@ Density expected(const BindingSize& size, const ResolvedOptions& options) {
 
 Density worst(const BindingSize& size, const ResolvedOptions& options) {
   const auto vertices = static_cast<double>(size.control_vertices);
-  const double touched = static_cast<double>(size.stencil_max) * (options.samples + 1.0);
-  return {.touched = std::min(vertices, touched),
+  // A walk has one end; of a ray two hits are visible, but all of them count for mean value coordinates.
+  const double ends = options.coordinates == CoordinateKind::kHarmonic ? 1.0 : 2.0;
+  const double touched = ends * static_cast<double>(size.stencil_max) * (options.samples + 1.0);
+  return {.touched = options.coordinates == CoordinateKind::kMeanValue ? vertices : std::min(vertices, touched),
           .entries = vertices,
           .smoothed_entries = vertices,
           .factor_entries = 2.0 * surface_fill(static_cast<double>(size.points)),
@@ -178,7 +183,7 @@ uint64_t bound_memory_bytes(const BindingSize& size, const ResolvedOptions& opti
 }
 
 uint64_t estimate_samples(const BindingSize& size, const ResolvedOptions& options) {
-  const bool lines = options.coordinates != CoordinateKind::kHarmonic;
+  const bool lines = options.coordinates != CoordinateKind::kHarmonic && options.preset != Preset::kPaper;
   return size.points * (lines ? uint64_t{options.samples} + options.samples % 2 : options.samples);
 }
 

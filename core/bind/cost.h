@@ -34,7 +34,8 @@ uint64_t estimate_memory_bytes(const BindingSize& size, const ResolvedOptions& o
 // has a bound of its own, see smooth/heat.h.
 uint64_t bound_memory_bytes(const BindingSize& size, const ResolvedOptions& options);
 
-// Walks or rays: points times samples, and an even number per point for rays, which come in lines of two.
+// Walks or rays: points times samples. Rays come in lines of two, an even number per point inside the cage's
+// enclosing ball; with the paper preset there are fewer where they have several hits.
 uint64_t estimate_samples(const BindingSize& size, const ResolvedOptions& options);
 
 // Entries of all rows, as expected; exact where nothing is pruned.

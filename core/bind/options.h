@@ -46,7 +46,7 @@ struct ResolvedOptions {
 };
 
 // Errors, with paths relative to the options ("samples", "thickness", ...): kInvalidArgument (out of
-// range, denoising over a mesh without faces), kUnimplemented (a kind that is not built yet).
+// range, denoising over a mesh without faces).
 Result<ResolvedOptions> resolve(const Options& options, bool queries_have_faces);
 
 // What only the cage's dimension can tell. Errors: kInvalidArgument (influences_max below d + 1: rows could

@@ -45,9 +45,13 @@ void PointEstimator<D>::project(const Vec<D>& x, Workspace& workspace, Projected
   const std::vector<Sample<D>>& samples = workspace.samples.samples;
   workspace.accumulator.accumulate(samples, Weights::kAsGiven, workspace.moments);
   if (!workspace.moments.is_signed) return projection_.project(workspace.moments, settings_.pseudo_samples, out);
+  const auto amplification = projection_.amplification(workspace.moments, x);
+  const bool paper = settings_.pseudo_samples == PseudoSamples::kWhenSingular;
+  const bool stable = amplification.anywhere <= kSignedAmplificationMaxAnywhere;
+  const bool quiet = paper || amplification.at_query <= kSignedAmplificationMax;
   // Pseudo-samples would outweigh what is left of sums of either sign.
-  if (projection_.is_sound(workspace.moments, x))
-    return projection_.project(workspace.moments, PseudoSamples::kNever, out);
+  if (stable && quiet)
+    return projection_.project(workspace.moments, paper ? PseudoSamples::kWhenSingular : PseudoSamples::kNever, out);
   workspace.accumulator.accumulate(samples, Weights::kMagnitudes, workspace.moments);
   projection_.project(workspace.moments, PseudoSamples::kAlways, out);
   out.singular = true;

@@ -57,8 +57,8 @@ class PointEstimator {
 
  private:
   Vec<D> shifted(const Vec<D>& x, const CagePoint<D>& closest) const;
-  // Signed weights do without pseudo-samples; where they amplify noise too much, their magnitudes with
-  // pseudo-samples replace them.
+  // Signed weights do without pseudo-samples; where they amplify noise too much (in the paper preset: where rounding
+  // would be seen), their magnitudes with pseudo-samples replace them.
   void project(const Vec<D>& x, Workspace& workspace, Projected<D>& out) const;
 
   const Cage<D>& cage_;

@@ -5,6 +5,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "base/tolerances.h"
 
@@ -64,21 +65,23 @@ void Projection<D>::project(const Moments<D>& moments, PseudoSamples policy, Pro
 }
 
 template <int D>
-bool Projection<D>::is_sound(const Moments<D>& moments, const Vec<D>& x) const {
+typename Projection<D>::Amplification Projection<D>::amplification(const Moments<D>& moments, const Vec<D>& x) const {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
   const Mat<D + 1> local = to_local(moments);
   // A = sum |w| y y^T, with pseudo-samples, so that it can be inverted. Where it is the identity the fits of
   // positive weights have unit variance in every direction, and those of signed ones that of M^-1.
   const Mat<D + 1> magnitude =
       moments.second - 2 * moments.negative + pseudo_weight(moments) * (local * vertex_second_ * local.transpose());
   const Eigen::LLT<Mat<D + 1>> root(magnitude);
-  if (root.info() != Eigen::Success) return false;
+  if (root.info() != Eigen::Success) return {kInfinity, kInfinity};
   Mat<D + 1> whitened = root.matrixL().solve(moments.second);
   whitened = root.matrixL().solve(Mat<D + 1>(whitened.transpose()));
   const Eigen::SelfAdjointEigenSolver<Mat<D + 1>> solver(whitened);
-  if (!(solver.eigenvalues().cwiseAbs().minCoeff() * kSignedAmplificationMaxAnywhere >= 1.0)) return false;
+  const double least = solver.eigenvalues().cwiseAbs().minCoeff();
+  if (!(least > 0.0)) return {kInfinity, kInfinity};
   const Vec<D + 1> at = root.matrixL().solve(Vec<D + 1>(local * homogeneous<D>(x)));
   const Vec<D + 1> amplified = solver.eigenvalues().cwiseInverse().cwiseProduct(solver.eigenvectors().transpose() * at);
-  return amplified.norm() <= kSignedAmplificationMax * at.norm();
+  return {amplified.norm() / at.norm(), 1.0 / least};
 }
 
 template <int D>

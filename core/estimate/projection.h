@@ -42,10 +42,13 @@ class Projection {
   // Solves for u_v [SBC Eq. 7]. Without samples: the affine least-squares fit of the control vertices.
   void project(const Moments<D>& moments, PseudoSamples policy, Projected<D>& out) const;
 
-  // Whether signed weights may stand: they must not amplify noise much more than their magnitudes would, neither
-  // in the coordinates at x (kSignedAmplificationMax) nor in any other value or gradient of the fits
-  // (kSignedAmplificationMaxAnywhere). Outside, far away, they do: hits of either sign nearly cancel.
-  bool is_sound(const Moments<D>& moments, const Vec<D>& x) const;
+  // How much more noise signed weights let through than their magnitudes would, in standard deviations: in the
+  // coordinates at x, and at worst in any other value or gradient of the fits. Outside, hits of either sign nearly
+  // cancel: the second grows with the square of the distance. Infinite where M has no inverse.
+  struct Amplification {
+    double at_query, anywhere;
+  };
+  Amplification amplification(const Moments<D>& moments, const Vec<D>& x) const;
 
   // For a query on the cage at y: keeps every gradient and sets the constants so that u_v . [y; 1] =
   // phi_v(y) [SBC 4.4].

@@ -40,9 +40,14 @@ class DistanceIndex {
 
 inline constexpr uint32_t kNoHint = 0xFFFFFFFFu;
 
+// Whether an index of the cage would be too large. Errors: kResourceExhausted for quads that are too many and too
+// twisted.
+template <int D>
+Status check_distance_index(const Cage<D>& cage);
+
 // Embree's point query over user geometry, for every element kind and both dimensions; Embree proposes
 // candidates from padded boxes, our double tests decide. Builds in milliseconds.
-// Errors: kResourceExhausted for quads that are too many and too twisted, kInternal when Embree fails.
+// Errors: those of check_distance_index, kInternal when Embree fails.
 template <int D>
 Result<std::unique_ptr<const DistanceIndex<D>>> make_embree_distance_index(const Cage<D>& cage);
 

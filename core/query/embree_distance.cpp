@@ -35,20 +35,6 @@ int cuts_of(const BilinearPatch& patch) {
   return patch.cuts(kDeviationMax, kDeviationOfSize, kCutsMax);
 }
 
-// Number of facets, or an error where twisted quads would make the index far larger than the cage.
-template <int D>
-Status check_facet_count(const Cage<D>& cage) {
-  size_t count = cage.elements().size();
-  if constexpr (D == 3)
-    for (const Element& element : cage.elements())
-      if (element.kind == ElementKind::kQuad) count += (size_t{1} << (2 * cuts_of(patch_of(cage, element)))) - 1;
-  if (count <= kFacetsMax) return Done{};
-  return Error{ErrorCode::kResourceExhausted, "cage.quads",
-               "the quads are so many and so twisted that they would need " + std::to_string(count) +
-                   " flat facets, more than " + std::to_string(kFacetsMax) +
-                   "; use more and flatter quads, or triangles"};
-}
-
 template <int D>
 std::vector<Facet<D>> make_facets(const Cage<D>& cage) {
   std::vector<Facet<D>> facets;
@@ -220,14 +206,30 @@ class EmbreeDistance final : public DistanceIndex<D> {
 
 }  // namespace
 
+// Twisted quads would make the index far larger than the cage.
+template <int D>
+Status check_distance_index(const Cage<D>& cage) {
+  size_t count = cage.elements().size();
+  if constexpr (D == 3)
+    for (const Element& element : cage.elements())
+      if (element.kind == ElementKind::kQuad) count += (size_t{1} << (2 * cuts_of(patch_of(cage, element)))) - 1;
+  if (count <= kFacetsMax) return Done{};
+  return Error{ErrorCode::kResourceExhausted, "cage.quads",
+               "the quads are so many and so twisted that they would need " + std::to_string(count) +
+                   " flat facets, more than " + std::to_string(kFacetsMax) +
+                   "; use more and flatter quads, or triangles"};
+}
+
 template <int D>
 Result<std::unique_ptr<const DistanceIndex<D>>> make_embree_distance_index(const Cage<D>& cage) {
-  if (auto status = check_facet_count(cage); !status) return status.error();
+  if (auto status = check_distance_index(cage); !status) return status.error();
   auto index = std::make_unique<EmbreeDistance<D>>(cage);
   if (auto status = index->build(); !status) return status.error();
   return std::unique_ptr<const DistanceIndex<D>>(std::move(index));
 }
 
+template Status check_distance_index(const Cage<2>&);
+template Status check_distance_index(const Cage<3>&);
 template Result<std::unique_ptr<const DistanceIndex<2>>> make_embree_distance_index(const Cage<2>&);
 template Result<std::unique_ptr<const DistanceIndex<3>>> make_embree_distance_index(const Cage<3>&);
 

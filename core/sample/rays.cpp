@@ -72,6 +72,8 @@ bool RaySamples<D>::sample_lattice(const Vec<D>& origin, const QueryRandom& rand
   thread_local std::vector<LineHit<D>> hits;
   const bool outside = origin.squaredNorm() > kEnclosingBall * kEnclosingBall;
   const std::array<double, 2> first = random.pair(0, 0), second = random.pair(0, 1);
+  // Not a number that the rotation has used: it would no longer be uniform.
+  const double shift = outside ? first[1] : second[1];
   // Lines have no sign: half of all directions are enough for them.
   const Cone<D> cone = outside ? cone_of_ball<D>(origin) : Cone<D>{Vec<D>::UnitX(), 1.0};
   const Mat<D> rotation = outside ? Mat<D>(Mat<D>::Identity()) : uniform_rotation<D>(first, second);
@@ -80,7 +82,7 @@ bool RaySamples<D>::sample_lattice(const Vec<D>& origin, const QueryRandom& rand
   for (uint32_t i = 0; i < count; ++i) {
     if (i % 64 == 0 && cancel.load(std::memory_order_relaxed)) return false;
     const double fraction = (i + (outside ? first[0] : 0.5)) / count;
-    const Line<D> line(origin, rotation * cone.direction(fraction, golden_turns(i, first[1])));
+    const Line<D> line(origin, rotation * cone.direction(fraction, golden_turns(i, shift)));
     lines_.hits(line, outside ? 0.0 : -kInfinity, hits);
     const auto forward = std::ranges::partition_point(hits, [](const LineHit<D>& hit) { return hit.t < 0; });
     add_ray(origin, std::ranges::subrange(forward, hits.end()), out);

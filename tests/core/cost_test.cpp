@@ -8,6 +8,7 @@
 #include <cmath>
 
 #include "counted_malloc.h"
+#include "support/mean_value.h"
 #include "support/rows.h"
 
 namespace barycast {
@@ -87,6 +88,24 @@ Options paper(uint32_t samples) {
   return options;
 }
 
+Options rays(CoordinateKind kind, uint32_t samples) {
+  Options options = choices(samples, true, 1e-4);
+  options.coordinates = kind;
+  return options;
+}
+
+// Spheres inside one another: a ray has as many hits as there are layers.
+Shape nested(int layers) {
+  Shape all;
+  for (int i = 0; i < layers; ++i) {
+    const Shape one = testing::triangulated(testing::sphere(4, 1.0 - 0.5 * i / layers));
+    const auto first = static_cast<uint32_t>(all.vertex_count());
+    all.vertices.insert(all.vertices.end(), one.vertices.begin(), one.vertices.end());
+    for (const uint32_t v : one.triangles) all.triangles.push_back(first + v);
+  }
+  return all;
+}
+
 Options limited(uint32_t influences_max) {
   Options options = choices(50, true, 1e-4);
   options.influences_max = influences_max;
@@ -119,6 +138,10 @@ std::vector<Case> cases() {
       {"1k loose, 62, paper", vertices(6), loose(1000), paper(50)},
       {"3k ball, 62, paper", vertices(6), ball(40), paper(50)},
       {"3k ball, 114, 8 influences", vertices(8), ball(40), limited(8)},
+      {"10k loose, 114, mean value", vertices(8), loose(10'000), rays(CoordinateKind::kMeanValue, 50)},
+      {"3k ball, 62, mean value", vertices(6), ball(40), rays(CoordinateKind::kMeanValue, 20)},
+      {"3k ball, 114, positive", vertices(8), ball(40), rays(CoordinateKind::kPositiveMeanValue, 50)},
+      {"10k quads, 26, mean value", vertices(4), sheet(100, false), rays(CoordinateKind::kMeanValue, 500)},
       {"40k triangles, box", testing::box(), sheet(200, true), choices(20, true, 0)},
   };
 }
@@ -143,6 +166,16 @@ TEST(Cost, EstimateIsWithinAQuarterOfThePeak) {
   }
 }
 
+// However many hits a ray has, memory stays below the bound; only the estimate cannot know.
+TEST(Cost, BoundHoldsForRaysThroughManyLayers) {
+  const auto index = testing::make_index(nested(20));
+  const QueryInput queries = testing::mesh_of(testing::sphere(30, 0.4));
+  for (const auto kind : {CoordinateKind::kMeanValue, CoordinateKind::kPositiveMeanValue}) {
+    const auto options = *resolve(rays(kind, 2), true);
+    EXPECT_GE(bound_memory_bytes(size_of(*index, queries), options), measure(index, queries, options).peak);
+  }
+}
+
 // Sizes are known and the estimate is a function of them: more is never less.
 TEST(Cost, GrowsWithTheRequest) {
   const auto options = *resolve(choices(50, false, 1e-4), true);
@@ -160,6 +193,8 @@ TEST(Cost, RaysComeInLinesOfTwo) {
   EXPECT_EQ(estimate_samples({.points = 10}, options), 510u);
   options.coordinates = CoordinateKind::kMeanValue;
   EXPECT_EQ(estimate_samples({.points = 10}, options), 520u);
+  options.preset = Preset::kPaper;
+  EXPECT_EQ(estimate_samples({.points = 10}, options), 510u);
 }
 
 }  // namespace

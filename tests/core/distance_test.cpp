@@ -133,6 +133,10 @@ TEST(Distance, RefusesMoreTwistedQuadsThanItCanHold) {
   const auto index = make_embree_distance_index<3>(*cage);
   ASSERT_FALSE(index.ok());
   EXPECT_EQ(index.error().code, ErrorCode::kResourceExhausted);
+  // What a cost estimate asks, without building anything.
+  const Status checked = CageIndex::check(twisted.input());
+  ASSERT_FALSE(checked.ok());
+  EXPECT_EQ(checked.error().text(), index.error().text());
 }
 
 TEST(Distance, TiesGoToTheLowestElement) {

@@ -171,3 +171,24 @@ def test_waits_for_a_busy_server(cpp, tcp_daemon, tmp_path):
         done = cpp(cage, model, "-o", tmp_path / "b.npz", "--server", address)
         assert done.returncode == 0, done.stderr
         assert time.monotonic() - started > 0.9  # the server asks for a second
+
+
+class DiesAtWork(fake_server.FakeService):
+    """Reports progress, as far as every attempt before, and goes away."""
+
+    attempts = 0
+
+    def ComputeCoordinates(self, request_iterator, context):
+        self.attempts += 1
+        for response in super().ComputeCoordinates(request_iterator, context):
+            if response.WhichOneof("message") == "rows":
+                context.abort(grpc.StatusCode.UNAVAILABLE, "gone")
+            yield response
+
+
+@pytest.mark.parametrize("unsteady", [DiesAtWork], indirect=True)
+def test_repeated_progress_is_none(cpp, unsteady, tmp_path):
+    """A request that ends its server must not be sent for ever."""
+    cage, model = write_box(tmp_path)
+    done = cpp(cage, model, "-o", tmp_path / "b.npz", "--server", unsteady.address, "--retry-seconds", 2)
+    assert done.returncode == 4 and 1 < unsteady.service.attempts < 50

@@ -33,6 +33,8 @@ ParsedArguments parse_arguments(int argc, char** argv) {
   app.add_option("--walk-steps-max", options.walk_steps_max, "Longest walk (default: 300; preset paper: 20)");
   app.add_option("--prune-below", options.prune_below, "Drop smaller coordinates (default: 1e-4; preset paper: 0)");
   app.add_option("--server", arguments.server, "HOST:PORT or unix:/path (default: a private barycastd is started)");
+  app.add_option("--retry-seconds", arguments.retry_s, "How much time lost connections and busy answers may cost")
+      ->check(CLI::Range(0.0, 86'400.0));
   app.add_flag("--quiet", arguments.quiet, "Print nothing but errors");
 
   try {

@@ -14,7 +14,8 @@ enum Exit { kDone = 0, kUsage = 2, kInput = 3, kServer = 4, kInterrupted = 130, 
 
 struct Arguments {
   std::string cage, model, output;
-  std::string server;  // empty: a private one is started
+  std::string server;     // empty: a private one is started
+  double retry_s = 30.0;  // what lost connections and busy answers may cost; of a server that is named
   bool quiet = false;
   client::ComputeOptions options;
 };

@@ -68,6 +68,7 @@ Result<client::Binding> bind_model(const Arguments& arguments, const std::stop_t
   if (!points) return points.error();
 
   client::ClientSettings settings{.address = arguments.server};
+  settings.retry_time_max = std::chrono::milliseconds(static_cast<int64_t>(1000 * arguments.retry_s));
   std::unique_ptr<client::LocalServer> local;
   if (settings.address.empty()) {
     const Result<std::string> program = client::find_daemon();

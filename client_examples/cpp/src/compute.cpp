@@ -113,7 +113,7 @@ Outcome Computation::receive(Stream& stream, Retry& retry, Report& report) {
       failure = data_loss("the answer did not begin with its header", "header");
     } else if (response.has_progress()) {
       const v1::Progress& progress = response.progress();
-      retry.progressed();
+      // Not progress for `retry`: an attempt that starts over repeats it.
       if (callbacks_.on_progress) {
         callbacks_.on_progress({static_cast<Stage>(progress.stage()), progress.done(), progress.total()});
       }
