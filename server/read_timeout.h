@@ -27,15 +27,17 @@ class ReadTimeout {
     start_read();
     // From here on the read may have ended, and the call with this object in it be gone.
     const std::lock_guard lock(wait->mutex);
-    if (!wait->open) return;
-    wait->alarm.Set(std::chrono::system_clock::now() + limit, [wait, on_timeout = std::move(on_timeout)](bool expired) {
-      if (expired && wait->open.exchange(false)) on_timeout();
-    });
+    if (!*wait->open) return;
+    // Not the wait itself: an alarm keeps its callback, and would keep itself.
+    wait->alarm.Set(std::chrono::system_clock::now() + limit,
+                    [open = wait->open, on_timeout = std::move(on_timeout)](bool expired) {
+                      if (expired && open->exchange(false)) on_timeout();
+                    });
   }
 
   // False: the time was up first, and `on_timeout` was or is being called.
   bool stop() {
-    if (!wait_->open.exchange(false)) return false;
+    if (!wait_->open->exchange(false)) return false;
     const std::lock_guard lock(wait_->mutex);
     wait_->alarm.Cancel();
     return true;
@@ -43,7 +45,7 @@ class ReadTimeout {
 
  private:
   struct Wait {
-    std::atomic<bool> open{true};
+    std::shared_ptr<std::atomic<bool>> open = std::make_shared<std::atomic<bool>>(true);
     std::mutex mutex;  // of the alarm
     grpc::Alarm alarm;
   };
