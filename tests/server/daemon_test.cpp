@@ -118,14 +118,14 @@ TEST_F(DaemonTest, ListensOnAUnixSocket) {
 }
 
 TEST_F(DaemonTest, DrainsOnSigterm) {
-  Process daemon({"--listen", "127.0.0.1:0", "--port-file", port_file()});
+  Process daemon({"--listen", "127.0.0.1:0", "--port-file", port_file(), "--drain-seconds", "300"});
   const std::string where = address();
   ASSERT_FALSE(where.empty());
   Client client(where);
   // A call that has begun and not ended when the signal comes.
   const auto stream = client.open();
   auto head = header(1000);
-  head.mutable_header()->mutable_options()->set_samples(500);
+  head.mutable_header()->mutable_options()->set_samples(100);
   stream->write(head);
   stream->write(points(inner_points(1000)));
   stream->half_close();
