@@ -1,9 +1,8 @@
 #include "sample/rays.h"
 
 #include <algorithm>
+#include <iterator>
 #include <limits>
-#include <ranges>
-#include <span>
 
 #include "sample/directions.h"
 
@@ -52,16 +51,16 @@ RaySamples<D>::RaySamples(const Cage<D>& cage, const LineIndex<D>& lines, const 
 
 // The hits of one ray, nearest first.
 template <int D>
-template <class Hits>
-void RaySamples<D>::add_ray(const Vec<D>& origin, const Hits& hits, SampleSet<D>& out) const {
-  size_t count = static_cast<size_t>(std::ranges::distance(hits));
+template <class Iterator>
+void RaySamples<D>::add_ray(const Vec<D>& origin, Iterator nearest, Iterator end, SampleSet<D>& out) const {
+  auto count = std::distance(nearest, end);
   // What is visible: from inside (an odd number of hits) the first; from outside the first two, of which the
   // second balances the first [SBC Eq. 12].
   if (settings_.visible_only && count > 0) count = count % 2 == 1 ? 1 : 2;
   double sign = 1.0;
-  for (const LineHit<D>& hit : hits | std::views::take(count)) {
-    const double distance = (hit.point - origin).norm();
-    if (distance > 0) out.samples.push_back({hit.point, sign / distance, hit.shares, hit.element, SampleEnd::kHit});
+  for (Iterator hit = nearest; hit != nearest + count; ++hit) {
+    const double distance = (hit->point - origin).norm();
+    if (distance > 0) out.samples.push_back({hit->point, sign / distance, hit->shares, hit->element, SampleEnd::kHit});
     sign = -sign;
   }
 }
@@ -84,9 +83,10 @@ bool RaySamples<D>::sample_lattice(const Vec<D>& origin, const QueryRandom& rand
     const double fraction = (i + (outside ? first[0] : 0.5)) / count;
     const Line<D> line(origin, rotation * cone.direction(fraction, golden_turns(i, shift)));
     lines_.hits(line, outside ? 0.0 : -kInfinity, hits);
-    const auto forward = std::ranges::partition_point(hits, [](const LineHit<D>& hit) { return hit.t < 0; });
-    add_ray(origin, std::ranges::subrange(forward, hits.end()), out);
-    add_ray(origin, std::ranges::subrange(hits.begin(), forward) | std::views::reverse, out);
+    const auto forward =
+        std::partition_point(hits.begin(), hits.end(), [](const LineHit<D>& hit) { return hit.t < 0; });
+    add_ray(origin, forward, hits.end(), out);
+    add_ray(origin, std::make_reverse_iterator(forward), hits.rend(), out);
   }
   return true;
 }
@@ -100,7 +100,7 @@ bool RaySamples<D>::sample_as_printed(const Vec<D>& origin, const QueryRandom& r
     if (ray % 64 == 0 && cancel.load(std::memory_order_relaxed)) return false;
     const std::array<double, 2> numbers = random.pair(ray, 0);
     lines_.hits(Line<D>(origin, cone.direction(numbers[0], numbers[1])), 0.0, hits);
-    add_ray(origin, std::span(hits), out);
+    add_ray(origin, hits.begin(), hits.end(), out);
     ++out.counts.started;
   }
   return true;

@@ -40,8 +40,8 @@ class RaySamples {
                       SampleSet<D>& out) const;
   bool sample_as_printed(const Vec<D>& origin, const QueryRandom& random, const std::atomic<bool>& cancel,
                          SampleSet<D>& out) const;
-  template <class Hits>
-  void add_ray(const Vec<D>& origin, const Hits& hits, SampleSet<D>& out) const;
+  template <class Iterator>
+  void add_ray(const Vec<D>& origin, Iterator nearest, Iterator end, SampleSet<D>& out) const;
 
   const LineIndex<D>& lines_;
   RaySettings settings_;
