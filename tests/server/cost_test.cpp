@@ -153,9 +153,15 @@ TEST_F(EstimateCost, BeingBusyIsNoRefusal) {
   DaemonSettings one = settings();
   one.admission.requests_max = 1;
   start(one);
+  // Seconds of work, which has begun.
   const auto holder = client_->open();
-  holder->write(header(1));
-  ASSERT_TRUE(eventually([&] { return client_->compute({header(1), points({0.1, 0.2, 0.3})}).has_retry(); }));
+  auto head = header(1000);
+  head.mutable_header()->mutable_options()->set_samples(1000);
+  holder->write(head);
+  holder->write(points(inner_points(1000)));
+  holder->half_close();
+  ASSERT_TRUE(eventually([&] { return counters().steps > 0; }));
+  EXPECT_TRUE(client_->compute({header(1), points({0.1, 0.2, 0.3})}).has_retry());
   v1::EstimateCostResponse response;
   EXPECT_EQ(estimate(header(1).header(), response).code, kOk);
   holder->cancel();
