@@ -4,6 +4,7 @@
 #include <string>
 #include <unordered_map>
 
+#include "base/cancel.h"
 #include "base/random.h"
 #include "base/tolerances.h"
 
@@ -12,11 +13,6 @@ namespace {
 
 Error cancelled() {
   return {ErrorCode::kCancelled, "", "the request was cancelled"};
-}
-
-// A look at `cancel` every few thousand items, well below a millisecond of work.
-bool is_cancelled(size_t i, const std::atomic<bool>& cancel) {
-  return i % 4096 == 0 && cancel.load(std::memory_order_relaxed);
 }
 
 std::string item(const char* list, size_t index) {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/cancel.h"
 #include "base/tolerances.h"
 
 namespace barycast {
@@ -11,11 +12,6 @@ namespace {
 // Larger faces are skipped: their dense algebra would cost more than all others together, and what
 // they would connect is far apart.
 constexpr size_t kFaceCornersMax = 256;
-constexpr size_t kCheckEvery = 4096;  // faces or nodes between two looks at `cancel`, some milliseconds
-
-bool is_cancelled(size_t i, const std::atomic<bool>& cancel) {
-  return i % kCheckEvery == 0 && cancel.load(std::memory_order_relaxed);
-}
 
 // The face's Laplacian in the notation of the paper: D takes differences along edges, B their averages,
 // U is the gradient (sharp), V the projection of a vector onto edges (flat), P what of a one-form no

@@ -4,14 +4,10 @@
 #include <cmath>
 #include <numeric>
 
+#include "base/cancel.h"
+
 namespace barycast {
 namespace {
-
-constexpr size_t kCheckEvery = 4096;  // faces or nodes between two looks at `cancel`, some milliseconds
-
-bool is_cancelled(size_t i, const std::atomic<bool>& cancel) {
-  return i % kCheckEvery == 0 && cancel.load(std::memory_order_relaxed);
-}
 
 // Times the median squared edge, at 50 samples. Least E over FireHydrant and SpikyBox: 2 and 5 for walks, 0.4 and
 // 0.5 for rays; within a factor of two it hardly matters.
