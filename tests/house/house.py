@@ -4,7 +4,7 @@ import tempfile
 from pathlib import Path
 
 # Each layer includes itself and what is to its left.
-LAYERS = ("base", "cage", "query", "sample", "estimate", "smooth", "bind")
+LAYERS = ("base", "cage", "query", "solve", "sample", "estimate", "smooth", "bind")
 SOURCES = {".h", ".hpp", ".cpp", ".cc"}
 
 

@@ -3,6 +3,7 @@ BARYCAST_BIN_DIR: the build's bin folder; tests of the daemon are skipped withou
 meshes; tests that read them are skipped without."""
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -18,6 +19,9 @@ SUPPORT = Path(__file__).resolve().parent / "support"
 if not (PROTO / "barycast" / "v1" / "cage_pb2.py").exists():
     raise pytest.UsageError(f"no generated modules in {PROTO}: build the target barycast_python_proto and let the "
                             "environment variable BARYCAST_PYTHON_PROTO name <build>/python")
+# Children would inherit an interrupt that is ignored, as it is for a run in the background.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
 sys.path[:0] = [str(PACKAGE), str(PROTO), str(SUPPORT)]
 
 import barycast  # noqa: E402, F401  (found on the path above; before grpc, so that forks are safe)
