@@ -6,7 +6,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 packages=(
   g++ cmake ninja-build ccache pkg-config
   libgrpc++-dev protobuf-compiler protobuf-compiler-grpc libprotobuf-dev grpc-proto
-  libembree-dev libtbb-dev libspdlog-dev libfmt-dev libeigen3-dev libcli11-dev libssl-dev zlib1g-dev
+  libembree-dev libtbb-dev libspdlog-dev libfmt-dev libeigen3-dev libcli11-dev libssl-dev libhwy-dev zlib1g-dev
   nlohmann-json3-dev prometheus-cpp-dev
   libgtest-dev libgmock-dev clang libclang-rt-14-dev clang-format clang-tidy
   python3-grpcio python3-protobuf python3-numpy python3-scipy python3-pytest python3-matplotlib python3-tqdm

@@ -63,6 +63,7 @@ std::optional<Refusal> ComputeJob::open(const v1::ComputeHeader& header, std::op
 
 std::optional<Refusal> ComputeJob::use_index(Result<CageCache::Index> index, bool cache_hit) {
   if (!index) return refuse(index.error());
+  if (const Status fits = (*index)->check_estimator(plan_->options); !fits) return refuse(at_options(fits.error()));
   index_ = std::move(*index);
   facts_.cache_hit = cache_hit;
   if (!ticket_) {
@@ -137,7 +138,11 @@ std::optional<ComputeJob::Response> ComputeJob::progress_message() {
 void ComputeJob::close() {
   if (binding_) {
     summary_ = binding_->summary();
-    facts_.stages = {cage_s_, summary_.sampling_s, summary_.smoothing_factor_s, summary_.smoothing_solve_s,
+    facts_.stages = {cage_s_,
+                     summary_.solving_s,
+                     summary_.sampling_s,
+                     summary_.smoothing_factor_s,
+                     summary_.smoothing_solve_s,
                      summary_.rows_s};
   }
   facts_.samples = summary_.samples;

@@ -20,8 +20,8 @@ inline constexpr size_t kCodeCount = 17;
 const char* code_name(size_t code);
 
 // Stages of a computation by wall time, as in Summary.times.
-inline constexpr std::array<const char*, 5> kStageNames = {"cage", "sampling", "smoothing_factor", "smoothing_solve",
-                                                           "rows"};
+inline constexpr std::array<const char*, 6> kStageNames = {
+    "cage", "solving", "sampling", "smoothing_factor", "smoothing_solve", "rows"};
 using StageSeconds = std::array<double, kStageNames.size()>;
 
 // Durations in two or three buckets a decade up to some seconds, two beyond. Seconds are summed in nanoseconds: 64 bits

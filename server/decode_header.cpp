@@ -83,6 +83,21 @@ Result<Options> decode_options(const v1::ComputeOptions& in, const v1::OutputOpt
     default:
       return unknown_enum(path + "denoise", in.denoise());
   }
+  switch (in.estimator()) {
+    case v1::ESTIMATOR_UNSPECIFIED:
+    case v1::ESTIMATOR_SAMPLING:
+      out.estimator = Estimator::kSampling;
+      break;
+    case v1::ESTIMATOR_BOUNDARY_ELEMENT:
+      out.estimator = Estimator::kBoundaryElement;
+      break;
+    case v1::ESTIMATOR_EXACT:
+      out.estimator = Estimator::kExact;
+      break;
+    default:
+      return unknown_enum(path + "estimator", in.estimator());
+  }
+  if (in.has_panels()) out.panels = in.panels();
   if (in.has_samples()) out.samples = in.samples();
   if (in.has_samples() && in.samples() > limits.samples_max) {
     return over_limit(path + "samples", in.samples(), limits.samples_max, "ask for fewer samples");
@@ -149,11 +164,7 @@ Result<ComputePlan> decode_choices(const Message& message, const Limits& limits)
   Result<Options> options = decode_options(message.options(), message.output(), limits);
   if (!options) return options.error();
   Result<ResolvedOptions> resolved = resolve(*options, plan.counts.faces > 0);
-  if (!resolved) {
-    Error error = resolved.error();
-    error.field = error.field.empty() ? "header.options" : "header.options." + error.field;
-    return error;
-  }
+  if (!resolved) return at_options(resolved.error());
   plan.options = *resolved;
   if (Status s = decode_output(message.output(), limits, plan); !s) return s.error();
   return plan;

@@ -45,21 +45,38 @@ v1::CoordinateKind encode_kind(CoordinateKind kind) {
   return v1::COORDINATE_KIND_UNSPECIFIED;
 }
 
+v1::Estimator encode_estimator(Estimator estimator) {
+  switch (estimator) {
+    case Estimator::kSampling:
+      return v1::ESTIMATOR_SAMPLING;
+    case Estimator::kBoundaryElement:
+      return v1::ESTIMATOR_BOUNDARY_ELEMENT;
+    case Estimator::kExact:
+      return v1::ESTIMATOR_EXACT;
+  }
+  return v1::ESTIMATOR_UNSPECIFIED;
+}
+
 void encode_options(const ResponseFacts& facts, v1::ComputeOptions& out) {
   const ResolvedOptions& options = facts.options;
   out.set_coordinates(encode_kind(options.coordinates));
   out.set_preset(options.preset == Preset::kPaper ? v1::PRESET_PAPER : v1::PRESET_DEFAULT);
-  out.set_samples(options.samples);
+  out.set_estimator(encode_estimator(options.estimator));
   out.set_seed(options.seed);
   out.set_denoise(options.denoise == Denoise::kMesh ? v1::DENOISE_MESH : v1::DENOISE_NONE);
+  out.set_prune_below(options.prune_below);
+  if (options.estimator == Estimator::kBoundaryElement) out.set_panels(options.panels);
+  if (options.estimator != Estimator::kSampling) return;
+  out.set_samples(options.samples);
   out.set_thickness(options.thickness);
   out.set_walk_steps_max(options.walk_steps_max);
-  out.set_prune_below(options.prune_below);
   out.set_smoothing_time(facts.smoothing_time);
 }
 
 v1::Stage encode_stage(Stage stage) {
   switch (stage) {
+    case Stage::kSolving:
+      return v1::STAGE_SOLVING;
     case Stage::kSampling:
       return v1::STAGE_SAMPLING;
     case Stage::kSmoothing:
@@ -130,6 +147,7 @@ v1::ComputeCoordinatesResponse encode_summary(const BindingSummary& summary, dou
     out.mutable_times(out.times_size() - 1)->set_seconds(seconds);
   };
   add_time("cage", cage_s);
+  add_time("solving", summary.solving_s);
   add_time("sampling", summary.sampling_s);
   add_time("smoothing_factor", summary.smoothing_factor_s);
   add_time("smoothing_solve", summary.smoothing_solve_s);
@@ -157,6 +175,8 @@ v1::GetCapabilitiesResponse encode_capabilities(const Limits& limits, const std:
   for (const CoordinateKind kind : built_kinds()) response.add_coordinates(encode_kind(kind));
   response.add_presets(v1::PRESET_DEFAULT);
   response.add_presets(v1::PRESET_PAPER);
+  for (const v1::Estimator estimator : {v1::ESTIMATOR_SAMPLING, v1::ESTIMATOR_BOUNDARY_ELEMENT, v1::ESTIMATOR_EXACT})
+    response.add_estimators(estimator);
   v1::ElementSupport& plane = *response.add_elements();
   plane.set_dimension(2);
   plane.add_kinds("segments");

@@ -20,6 +20,12 @@ struct Refusal {
   bool draining = false;                      // another replica helps, or this one later
 };
 
+// An error of `resolve` or of check_estimator, with its path in a request.
+inline Error at_options(Error error) {
+  error.field = error.field.empty() ? "header.options" : "header.options." + error.field;
+  return error;
+}
+
 // Runs `work` and turns running out of memory, or any other exception, into a refusal: nothing may
 // escape into the arena or into gRPC's threads, which would end the process.
 template <class Work>

@@ -112,11 +112,16 @@ void estimate_cost(ServiceState& state, Result<ComputePlan> plan, const std::str
     const bool fits = price(understood->plan, size, state.limits, state.arena.threads()).ok();
     if (const Status sound = fits ? check_cage(*understood->cage) : Status(Done{}); !sound)
       return then(refuse(sound.error()));
+    if (const Status suits = CageIndex::check_estimator(understood->cage->input(), understood->plan.options); !suits)
+      return then(refuse(at_options(suits.error())));
     return answer(size);
   }
-  const auto waiter = [answer, then, &facts](Result<CageCache::Index> index, CageCache::Found found) {
+  const auto waiter = [answer, then, &facts, options = understood->plan.options](Result<CageCache::Index> index,
+                                                                                 CageCache::Found found) {
     facts.cache_hit = found == CageCache::Found::kHit;
-    index.ok() ? answer(size_of(**index)) : then(refuse(index.error()));
+    if (!index.ok()) return then(refuse(index.error()));
+    const Status suits = (*index)->check_estimator(options);
+    suits.ok() ? answer(size_of(**index)) : then(refuse(at_options(suits.error())));
   };
   if (state.cages.find(understood->digest, waiter) == CageCache::Found::kMissing)
     then(missing_cage(understood->digest));

@@ -70,4 +70,14 @@ inline constexpr double kCollectBelowPrune = 0.125;
 // below the rounding of the query's own position.
 inline constexpr double kQueryReachMax = 1e9;
 
+// Closer to the cage than this, closed forms return the basis: positions within a unit box are rounded to 1e-16, so
+// that a distance has two digits left.
+inline constexpr double kExactOnCage = 1e-14;
+// Where gradients of points on the cage are taken, this far off it: the limit is met to about this, and the gradient is
+// rounded to 1e-16 over it.
+inline constexpr double kExactGradientShift = 1e-8;
+// Beyond this distance from the centre, terms of the closed form of mean value coordinates cancel to the inverse cube
+// of the distance; integrals over triangles are smooth there.
+inline constexpr double kExactFar = 4.0;
+
 }  // namespace barycast

@@ -1,12 +1,13 @@
 #include "bind/binding.h"
 
 #include <algorithm>
-#include <chrono>
 #include <optional>
 
-#include "base/parallel.h"
 #include "base/workspace.h"
+#include "bind/block_builder.h"
+#include "bind/quantum.h"
 #include "bind/query_set.h"
+#include "bind/solved_binding.h"
 #include "estimate/point_estimator.h"
 #include "estimate/row.h"
 #include "smooth/smoother.h"
@@ -17,40 +18,6 @@ namespace {
 
 // Squared diagonals; the heat kernel then reaches over about a tenth of the cage.
 constexpr double kSmoothingTimeLarge = 0.01;
-
-using Clock = std::chrono::steady_clock;
-
-// Adds the life time of the object to `seconds`.
-class StageTimer {
- public:
-  explicit StageTimer(double& seconds) : seconds_(seconds), start_(Clock::now()) {}
-  ~StageTimer() { seconds_ += elapsed(); }
-  double elapsed() const { return std::chrono::duration<double>(Clock::now() - start_).count(); }
-  StageTimer(const StageTimer&) = delete;
-  StageTimer& operator=(const StageTimer&) = delete;
-
- private:
-  double& seconds_;
-  Clock::time_point start_;
-};
-
-// How many points one call of `advance` handles: as many as fill kQuantum of wall time, learnt from the
-// calls before. It cuts work into pieces and changes no result.
-class Quantum {
- public:
-  // The first guess: a point costs microseconds per sample.
-  explicit Quantum(uint32_t samples) : size_(std::clamp<size_t>(1000 / samples, 1, 16)) {}
-  size_t size() const { return size_; }
-  void learn(size_t done, double seconds) {
-    if (done < size_) return;
-    if (seconds < 0.5 * kQuantumSeconds) size_ = std::min<size_t>(2 * size_, 1 << 16);
-    if (seconds > 1.5 * kQuantumSeconds) size_ = std::max<size_t>(size_ / 2, 1);
-  }
-
- private:
-  static constexpr double kQuantumSeconds = 0.02;
-  size_t size_;
-};
 
 template <int D>
 Sampler<D> make_sampler(const ResolvedOptions& options, const CageStructures<D>& structures) {
@@ -89,7 +56,8 @@ class BindingOf final : public Binding {
         finisher_(cage_, {.prune_below = settings.options.prune_below,
                           .gradients = settings.options.gradients,
                           .influences_max = settings.options.influences_max}),
-        quantum_(settings.options.samples),
+        blocks_(settings_, cage_.frame().diagonal),
+        quantum_(1000 / settings.options.samples),  // a point costs microseconds per sample
         workspaces_([this] { return typename PointEstimator<D>::Workspace(cage_); }) {
     summary_.warnings.assign(cage_.warnings().begin(), cage_.warnings().end());
     summary_.warnings.insert(summary_.warnings.end(), queries_.warnings.begin(), queries_.warnings.end());
@@ -118,27 +86,16 @@ class BindingOf final : public Binding {
   double smoothing_time() const override { return summary_.smoothing_time; }
 
  private:
-  // A finished row and what it says about itself, before it is packed.
-  struct FinishedRow {
-    std::vector<RowEntry<D>> entries;
-    double error = 0.0;
-    uint8_t flags = 0;
-    SampleCounts counts;
-  };
-
   bool smoothed() const { return settings_.options.denoise == Denoise::kMesh; }
 
-  // Runs body(i) for the next `count` points of a quantum; false when cancelled on the way.
+  // Runs body(i) for the next `count` points; false when cancelled on the way.
   template <class Body>
   bool run_quantum(size_t count, const std::atomic<bool>& cancel, const Body& body) {
-    const StageTimer timer(ignored_);
-    std::atomic<bool> complete = true;
-    parallel_for(count, count < kPointsPerTask * parallel_width() ? 1 : kPointsPerTask, [&](size_t begin, size_t end) {
+    return quantum_.run(count, kPointsPerTask, cancel, [&](size_t begin, size_t end) {
       for (size_t i = begin; i < end; ++i)
-        if (!complete.load(std::memory_order_relaxed) || !body(i)) complete = false;
+        if (!body(i)) return false;
+      return true;
     });
-    quantum_.learn(count, timer.elapsed());
-    return complete && !cancel;
   }
 
   Step sample_nodes(const std::atomic<bool>& cancel) {
@@ -149,7 +106,7 @@ class BindingOf final : public Binding {
       return estimator_.estimate(queries_.nodes[node], cancel, workspaces_.local(), estimates_[node]);
     });
     if (!complete) return Step::kCancelled;
-    for (size_t i = 0; i < count; ++i) add_counts(estimates_[nodes_sampled_ + i].counts);
+    for (size_t i = 0; i < count; ++i) add_counts(estimates_[nodes_sampled_ + i].counts, summary_);
     nodes_sampled_ += count;
     progress_.done = nodes_sampled_;
     return Step::kWorking;
@@ -193,7 +150,7 @@ class BindingOf final : public Binding {
   }
 
   // Finishes the row of one point, from its smoothed entries or from its own samples.
-  bool finish_row(size_t point, const std::atomic<bool>& cancel, FinishedRow& row) {
+  bool finish_row(size_t point, const std::atomic<bool>& cancel, FinishedRow<D>& row) {
     const Vec<D>& x = queries_.points[point];
     if (smoothed()) {
       const uint32_t node = queries_.node_of_point[point];
@@ -212,52 +169,16 @@ class BindingOf final : public Binding {
 
   Step make_rows(const std::atomic<bool>& cancel) {
     const StageTimer timer(smoothed() ? summary_.rows_s : summary_.sampling_s);
-    if (next_row_ == queries_.points.size() && rows_.empty()) return Step::kDone;
-    const size_t block_left = settings_.block_rows - rows_.size();
-    const size_t count = std::min({quantum_.size(), block_left, queries_.points.size() - next_row_});
-    const size_t first = rows_.size();
-    rows_.resize(first + count);
-    if (!run_quantum(count, cancel, [&](size_t i) { return finish_row(next_row_ + i, cancel, rows_[first + i]); }))
+    if (next_row_ == queries_.points.size() && blocks_.size() == 0) return Step::kDone;
+    const size_t count = std::min({quantum_.size(), blocks_.room(), queries_.points.size() - next_row_});
+    const std::span<FinishedRow<D>> rows = blocks_.append(count);
+    if (!run_quantum(count, cancel, [&](size_t i) { return finish_row(next_row_ + i, cancel, rows[i]); }))
       return Step::kCancelled;
-    for (size_t i = first; i < rows_.size(); ++i) add_counts(rows_[i].counts);
     next_row_ += count;
     progress_.done = next_row_;
-    if (rows_.size() < settings_.block_rows && next_row_ < queries_.points.size()) return Step::kWorking;
-    pack_block();
+    if (blocks_.room() > 0 && next_row_ < queries_.points.size()) return Step::kWorking;
+    block_ = blocks_.pack(next_row_ - blocks_.size(), summary_);
     return Step::kBlock;
-  }
-
-  void pack_block() {
-    block_ = {};
-    block_.first_row = next_row_ - rows_.size();
-    block_.offsets.push_back(0);
-    for (const FinishedRow& row : rows_) {
-      for (const RowEntry<D>& entry : row.entries) {
-        block_.indices.push_back(entry.vertex);
-        block_.values.push_back(entry.value);
-        if (settings_.options.gradients)
-          for (int k = 0; k < D; ++k) block_.gradients.push_back(entry.gradient[k] / cage_.frame().diagonal);
-      }
-      block_.offsets.push_back(static_cast<uint32_t>(block_.indices.size()));
-      block_.flags.push_back(row.flags);
-      summary_.linear_precision_error_max = std::max(summary_.linear_precision_error_max, row.error);
-      summary_.rows_on_cage += (row.flags & kRowOnCage) != 0;
-      summary_.rows_outside += (row.flags & kRowOutside) != 0;
-      summary_.rows_few_samples += (row.flags & kRowFewSamples) != 0;
-      summary_.rows_no_samples += (row.flags & kRowNoSamples) != 0;
-      summary_.rows_rank_deficient += (row.flags & kRowRankDeficient) != 0;
-    }
-    summary_.rows += rows_.size();
-    summary_.entries += block_.indices.size();
-    rows_.clear();
-  }
-
-  void add_counts(const SampleCounts& counts) {
-    summary_.samples += counts.started;
-    summary_.walk_steps += counts.steps;
-    summary_.walks_capped += counts.capped;
-    summary_.walks_discarded += counts.discarded;
-    summary_.walk_reentries += counts.reentries;
   }
 
   static constexpr size_t kPointsPerTask = 4;
@@ -268,9 +189,9 @@ class BindingOf final : public Binding {
   BindingSettings settings_;
   PointEstimator<D> estimator_;
   RowFinisher<D> finisher_;
+  BlockBuilder<D> blocks_;
   Quantum quantum_;
   PerThread<typename PointEstimator<D>::Workspace> workspaces_;
-  double ignored_ = 0.0;
 
   std::vector<PointEstimate<D>> estimates_;  // of the nodes; with denoising only
   size_t nodes_sampled_ = 0;
@@ -278,7 +199,6 @@ class BindingOf final : public Binding {
   std::optional<Smoother<D>> smoother_;
 
   uint64_t next_row_ = 0;
-  std::vector<FinishedRow> rows_;  // of the block under way
   RowBlock block_;
   Progress progress_;
   BindingSummary summary_;
@@ -289,11 +209,16 @@ Result<std::unique_ptr<Binding>> create_of(std::shared_ptr<const CageIndex> inde
                                            const QueryInput& input, const BindingSettings& settings,
                                            const std::atomic<bool>& cancel) {
   if (auto status = check_dimension(settings.options, D); !status) return status.error();
+  if (auto status = check_estimator(structures.cage, settings.options); !status) return status.error();
   auto queries = QuerySet<D>::create(input, structures.cage.frame(), cancel);
   if (!queries) return queries.error();
   if (settings.first_row >= queries->points.size())
     return invalid_argument("resume.first_row",
                             "must be below the number of query points, " + std::to_string(queries->points.size()));
+  if constexpr (D == 3) {
+    if (settings.options.estimator != Estimator::kSampling)
+      return create_solved_binding(std::move(index), structures, std::move(*queries), settings, cancel);
+  }
   double smoothing_time = settings.options.smoothing_time.value_or(0.0);
   if (settings.options.denoise == Denoise::kMesh && !settings.options.smoothing_time) {
     const std::optional<SquaredEdges> edges = squared_edges(queries->mesh, cancel);

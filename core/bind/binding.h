@@ -50,7 +50,7 @@ struct RowBlock {
   uint64_t row_count() const { return flags.size(); }
 };
 
-enum class Stage { kSampling, kSmoothing, kRows };
+enum class Stage { kSolving, kSampling, kSmoothing, kRows };
 
 struct Progress {
   Stage stage = Stage::kSampling;
@@ -64,7 +64,7 @@ struct BindingSummary {
   uint64_t samples = 0, walk_steps = 0, walks_capped = 0, walks_discarded = 0, walk_reentries = 0;
   uint64_t rows_on_cage = 0, rows_outside = 0, rows_few_samples = 0, rows_no_samples = 0, rows_rank_deficient = 0;
   double linear_precision_error_max = 0.0;  // |sum a_v x_v - x| / max(1, |x|), normalized frame
-  double sampling_s = 0.0, smoothing_factor_s = 0.0, smoothing_solve_s = 0.0, rows_s = 0.0;
+  double solving_s = 0.0, sampling_s = 0.0, smoothing_factor_s = 0.0, smoothing_solve_s = 0.0, rows_s = 0.0;
   double smoothing_time = 0.0;    // as used; 0 without denoising
   std::vector<Warning> warnings;  // of the cage and of the query set
 };
@@ -80,7 +80,7 @@ inline const std::atomic<bool> kNeverCancelled = false;
 class Binding {
  public:
   // Errors, with paths relative to the request: kInvalidArgument ("points[17]": non-finite,
-  // "faces[3].corner[1]": no such point, no points at all).
+  // "faces[3].corner[1]": no such point, no points at all), and those of check_estimator (cage_index.h).
   // kCancelled when `cancel` was seen set: reading millions of points takes a while.
   static Result<std::unique_ptr<Binding>> create(std::shared_ptr<const CageIndex> index, QueryInput queries,
                                                  const BindingSettings& settings,

@@ -3,6 +3,8 @@
 #include "query/distance_index.h"
 #include "query/line_index.h"
 #include "query/winding.h"
+#include "solve/exact_mean_value.h"
+#include "solve/panels.h"
 
 namespace barycast {
 namespace {
@@ -29,12 +31,41 @@ Status check_of(const CageInput& input) {
   return cage ? check_distance_index(*cage) : Status(cage.error());
 }
 
+template <int D>
+Status check_estimator_of(const CageInput& input, const ResolvedOptions& options) {
+  const auto cage = Cage<D>::create(input);
+  return cage ? check_estimator(*cage, options) : Status(cage.error());
+}
+
 Status check_dimension(const CageInput& input) {
   if (input.dimension == 2 || input.dimension == 3) return Done{};
   return invalid_argument("cage.control_vertices", "must have 2 or 3 columns, has " + std::to_string(input.dimension));
 }
 
 }  // namespace
+
+template <int D>
+Status check_estimator(const Cage<D>& cage, const ResolvedOptions& options) {
+  if (options.estimator == Estimator::kSampling) return Done{};
+  if constexpr (D == 2) {
+    return invalid_argument("estimator", "cages in the plane are sampled; the other estimators are for cages in space");
+  } else {
+    if (options.estimator == Estimator::kExact) return ExactMeanValue::check(cage);
+    return Panels::check(cage, options.panels);
+  }
+}
+
+template Status check_estimator<2>(const Cage<2>&, const ResolvedOptions&);
+template Status check_estimator<3>(const Cage<3>&, const ResolvedOptions&);
+
+Status CageIndex::check_estimator(const ResolvedOptions& options) const {
+  return std::visit([&](const auto& s) { return barycast::check_estimator(s->cage, options); }, structures_);
+}
+
+Status CageIndex::check_estimator(const CageInput& input, const ResolvedOptions& options) {
+  if (options.estimator == Estimator::kSampling) return Done{};
+  return input.dimension == 2 ? check_estimator_of<2>(input, options) : check_estimator_of<3>(input, options);
+}
 
 Status CageIndex::check(const CageInput& input) {
   if (Status known = check_dimension(input); !known) return known;

@@ -10,6 +10,7 @@
 #include <variant>
 
 #include "base/result.h"
+#include "bind/options.h"
 #include "cage/cage.h"
 #include "cage/digest.h"
 
@@ -31,6 +32,11 @@ struct CageStructures {
   std::unique_ptr<const WindingNumber<D>> winding;
 };
 
+// Whether a cage is one that the estimator can do. Errors: kInvalidArgument, with paths relative to the options
+// ("estimator", "panels").
+template <int D>
+Status check_estimator(const Cage<D>& cage, const ResolvedOptions& options);
+
 class CageIndex {
  public:
   using Structures = std::variant<std::unique_ptr<const CageStructures<2>>, std::unique_ptr<const CageStructures<3>>>;
@@ -39,6 +45,8 @@ class CageIndex {
   static Result<std::shared_ptr<const CageIndex>> create(const CageInput& input);
   // Whether `create` would succeed, without building anything. Errors: the same.
   static Status check(const CageInput& input);
+  // Of such a cage, without its index: as the function of that name.
+  static Status check_estimator(const CageInput& input, const ResolvedOptions& options);
   ~CageIndex();
 
   int dimension() const;
@@ -47,6 +55,9 @@ class CageIndex {
   uint32_t stencil_max() const;
   std::span<const Warning> warnings() const;
   size_t bytes() const { return bytes_; }  // memory held, for the cache's bound
+
+  // As the function of that name.
+  Status check_estimator(const ResolvedOptions& options) const;
 
   const Structures& structures() const { return structures_; }
 

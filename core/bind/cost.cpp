@@ -9,6 +9,7 @@
 #include "estimate/point_estimator.h"
 #include "estimate/row.h"
 #include "smooth/heat.h"
+#include "solve/boundary_elements.h"
 
 namespace barycast {
 namespace {
@@ -52,6 +53,7 @@ Density expected(const BindingSize& size, const ResolvedOptions& options) {
                .factor_entries = surface_fill(static_cast<double>(size.points)),
                .exact = false};
   const bool pseudo = options.preset != Preset::kPaper;
+  if (options.estimator != Estimator::kSampling) return data;  // every vertex has a share everywhere
   if (options.prune_below > 0.0) {
     const double share = pseudo ? kPseudoSampleWeight / (vertices * samples * options.prune_below) : 0.0;
     data.entries = data.touched + (vertices - data.touched) * std::min(1.0, share / kPseudoKept);
@@ -105,6 +107,9 @@ class Model {
     const double mesh = faces > 0 ? grown(points_) * sizeof(Vec<3>) + 4.0 * faces + 4.0 * grown(corners) : 0.0;
     // While positions are looked up: their names' nodes and buckets, and the slack of the list of nodes.
     const double names = points_ * 40.0 + (grown(points_) - points_) * kPosition;
+    if (options_.estimator != Estimator::kSampling)
+      return constant() +
+             std::max({input + set + mesh + names, set + solving(), set + solved() + block(data_.entries)});
     if (!smoothed) return constant() + std::max(input + set + mesh + names, set + block(data_.entries));
     const double held = set + mesh + points_ * sizeof(PointEstimate<D>);
     const double sampled = held + points_ * (kChunk + fits() * sizeof(LinearFit<D>));
@@ -140,6 +145,19 @@ class Model {
            0.5 * std::max(values, gradients) * sizeof(double) + 16.0 * rows;
   }
   static constexpr double kFinishedRow = 80.0;
+
+  BoundarySettings boundary() const { return {.panels = options_.panels, .moments = true}; }
+  // Of boundary elements: while they are solved, and what remains; rows of a task are dense.
+  double solving() const {
+    return options_.panels == 0 ? 0.0 : static_cast<double>(BoundarySolver::bytes(boundary(), size_.control_vertices));
+  }
+  double solved() const {
+    const double kernels = 3.0 * options_.panels * 16.0, rows = 64.0 * (D + 1) * vertices();
+    return (options_.panels == 0
+                ? 0.0
+                : static_cast<double>(BoundarySolver::solved_bytes(boundary(), size_.control_vertices))) +
+           static_cast<double>(size_.threads) * sizeof(double) * (kernels + rows);
+  }
 
   double factorization() const {
     // Every pair of a face's corners, as entries to be summed, and the sparse matrix from them.

@@ -11,6 +11,9 @@ namespace {
 constexpr uint32_t kSamplesDefault = 50;      // the paper's default [SBC 6]
 constexpr uint32_t kSamplesMax = 10'000'000;  // a service sets its own, lower limit
 constexpr uint32_t kWalkStepsPaper = 20;      // [SBC 5.1]
+constexpr uint32_t kPanelsDefault = 1000;     // FireHydrant: E 0.0015, half a second on two cores
+constexpr uint32_t kPanelsMin = 16;
+constexpr uint32_t kPanelsMax = 4000;  // the matrix then has 0.6 GB
 // Walks take about ten steps; 300 guards against geometry in which they do not arrive.
 constexpr uint32_t kWalkStepsDefault = 300;
 constexpr uint32_t kWalkStepsMax = 100'000;
@@ -20,14 +23,44 @@ Status check_range(const char* field, double value, double low, double high, con
   return invalid_argument(field, text);
 }
 
+// What an estimator without samples can do, and which choices make no sense with it.
+Status check_solved(const Options& options) {
+  if (options.preset == Preset::kPaper)
+    return invalid_argument("estimator", "the paper's preset is sampling; leave one out");
+  const bool harmonic = options.coordinates == CoordinateKind::kHarmonic;
+  if (options.estimator == Estimator::kBoundaryElement && !harmonic)
+    return invalid_argument("estimator", "boundary elements solve for harmonic coordinates only");
+  if (options.estimator == Estimator::kExact && options.coordinates != CoordinateKind::kMeanValue)
+    return invalid_argument("estimator",
+                            "exact is the closed form of mean value coordinates; the other kinds have none");
+  if (options.samples) return invalid_argument("samples", "this estimator takes no samples; leave them out");
+  if (options.walk_steps_max) return invalid_argument("walk_steps_max", "this estimator takes no walks; leave it out");
+  if (options.thickness) return invalid_argument("thickness", "this estimator needs none; leave it out");
+  if (options.denoise == Denoise::kMesh || options.smoothing_time)
+    return invalid_argument("denoise", "this estimator has no noise; leave denoising out");
+  return Done{};
+}
+
+Status check_panels(const Options& options) {
+  if (!options.panels) return Done{};
+  if (options.estimator != Estimator::kBoundaryElement)
+    return invalid_argument("panels", "only boundary elements have panels; leave them out");
+  if (*options.panels >= kPanelsMin && *options.panels <= kPanelsMax) return Done{};
+  return invalid_argument("panels", "must be 16 to 4000");
+}
+
 }  // namespace
 
 Result<ResolvedOptions> resolve(const Options& options, bool queries_have_faces) {
-  const bool paper = options.preset == Preset::kPaper;
+  const bool paper = options.preset == Preset::kPaper, sampling = options.estimator == Estimator::kSampling;
+  if (const Status known = check_panels(options); !known) return known.error();
+  if (const Status fits = sampling ? Status(Done{}) : check_solved(options); !fits) return fits.error();
   ResolvedOptions resolved{
       .coordinates = options.coordinates,
       .preset = options.preset,
-      .samples = options.samples.value_or(kSamplesDefault),
+      .estimator = options.estimator,
+      .samples = sampling ? options.samples.value_or(kSamplesDefault) : 0,
+      .panels = options.estimator == Estimator::kBoundaryElement ? options.panels.value_or(kPanelsDefault) : 0,
       .seed = options.seed,
       .denoise = options.denoise,
       .thickness = options.thickness.value_or(kThicknessDefault),
@@ -37,10 +70,11 @@ Result<ResolvedOptions> resolve(const Options& options, bool queries_have_faces)
       .gradients = options.gradients,
       .influences_max = options.influences_max,
   };
-  if (options.denoise == Denoise::kAuto) resolved.denoise = queries_have_faces ? Denoise::kMesh : Denoise::kNone;
+  if (options.denoise == Denoise::kAuto)
+    resolved.denoise = queries_have_faces && sampling ? Denoise::kMesh : Denoise::kNone;
   if (resolved.denoise == Denoise::kMesh && !queries_have_faces)
     return invalid_argument("denoise", "denoising over a mesh needs faces between the query points");
-  if (resolved.samples < 1 || resolved.samples > kSamplesMax)
+  if (sampling && (resolved.samples < 1 || resolved.samples > kSamplesMax))
     return invalid_argument("samples", resolved.samples < 1 ? "must be 1 or more" : "must be at most 10000000");
   if (resolved.walk_steps_max < 1 || resolved.walk_steps_max > kWalkStepsMax)
     return invalid_argument("walk_steps_max", "must be 1 to 100000");

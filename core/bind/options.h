@@ -15,12 +15,20 @@ inline constexpr uint32_t kNumericsVersion = 2;
 
 enum class CoordinateKind { kHarmonic, kMeanValue, kPositiveMeanValue };
 enum class Preset { kDefault, kPaper };
+// How coordinates are found. Samples suit every cage; the others need none and refuse cages they cannot do.
+enum class Estimator {
+  kSampling,
+  kBoundaryElement,  // harmonic, surface cages in space (solve/boundary_elements.h)
+  kExact,            // mean value in closed form, closed triangle cages (solve/exact_mean_value.h)
+};
 enum class Denoise { kAuto, kNone, kMesh };
 
 struct Options {
   CoordinateKind coordinates = CoordinateKind::kHarmonic;
   Preset preset = Preset::kDefault;
+  Estimator estimator = Estimator::kSampling;
   std::optional<uint32_t> samples;
+  std::optional<uint32_t> panels;  // of the boundary elements, at most
   uint64_t seed = 0;
   Denoise denoise = Denoise::kAuto;
   std::optional<double> thickness;  // in diagonals of the cage's bounding box
@@ -34,7 +42,9 @@ struct Options {
 struct ResolvedOptions {
   CoordinateKind coordinates;
   Preset preset;
-  uint32_t samples;
+  Estimator estimator;
+  uint32_t samples;  // 0 without sampling
+  uint32_t panels;   // 0 without boundary elements
   uint64_t seed;
   Denoise denoise;  // kNone or kMesh
   double thickness;
@@ -46,7 +56,7 @@ struct ResolvedOptions {
 };
 
 // Errors, with paths relative to the options ("samples", "thickness", ...): kInvalidArgument (out of
-// range, denoising over a mesh without faces).
+// range, denoising over a mesh without faces, choices that do not go together).
 Result<ResolvedOptions> resolve(const Options& options, bool queries_have_faces);
 
 // What only the cage's dimension can tell. Errors: kInvalidArgument (influences_max below d + 1: rows could

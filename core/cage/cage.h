@@ -73,6 +73,7 @@ class Cage {
 
   // Elements in canonical order; where two are equally near, the lower index decides.
   std::span<const Element> elements() const { return elements_; }
+  size_t node_count() const { return nodes_.size(); }
   const Vec<D>& corner(const Element& element, int i) const { return nodes_[element.node[static_cast<size_t>(i)]]; }
 
   // The basis phi_v that Eq. 1 sums over [SBC Eq. 1]. Adds weight * phi_v to `basis` for a point of an element with the

@@ -8,7 +8,7 @@ namespace barycast::program {
 ParsedArguments parse_arguments(int argc, char** argv) {
   Arguments arguments;
   client::ComputeOptions& options = arguments.options;
-  std::string coordinates = "harmonic", preset = "default", denoise = "auto", type = "float32";
+  std::string coordinates = "harmonic", preset = "default", denoise = "auto", type = "float32", estimator = "sampling";
 
   CLI::App app("barycast_bind: computes a model's coordinates with respect to a cage");
   app.set_version_flag("--version", "barycast_bind " BARYCAST_VERSION);
@@ -20,6 +20,10 @@ ParsedArguments parse_arguments(int argc, char** argv) {
   app.add_option("--coordinates", coordinates)
       ->check(CLI::IsMember({"harmonic", "mean-value", "positive-mean-value"}))
       ->capture_default_str();
+  app.add_option("--estimator", estimator, "How coordinates are found")
+      ->check(CLI::IsMember({"sampling", "boundary-element", "exact"}))
+      ->capture_default_str();
+  app.add_option("--panels", options.panels, "Boundary elements, at most (default: 1000)");
   app.add_option("--samples", options.samples, "Walks or rays per point (default: 50)");
   app.add_option("--seed", options.seed)->capture_default_str();
   app.add_option("--preset", preset)->check(CLI::IsMember({"default", "paper"}))->capture_default_str();
@@ -49,6 +53,7 @@ ParsedArguments parse_arguments(int argc, char** argv) {
   options.coordinates = client::coordinates_named(coordinates).value_or(options.coordinates);
   options.preset = client::preset_named(preset).value_or(options.preset);
   options.denoise = client::denoise_named(denoise).value_or(options.denoise);
+  options.estimator = client::estimator_named(estimator).value_or(options.estimator);
   options.type = client::data_type_named(type).value_or(options.type);
   return {arguments, kDone};
 }

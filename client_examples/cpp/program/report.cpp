@@ -24,6 +24,16 @@ void append(std::string& list, const std::string& item) {
   list += (list.empty() ? "" : ", ") + item;
 }
 
+// How coordinates were found.
+std::string method(const client::ComputeOptions& options) {
+  if (options.estimator != client::Estimator::kSampling) {
+    const uint32_t panels = options.panels.value_or(0);
+    return name(options.estimator) + (panels > 0 ? ", at most " + thousands(panels) + " panels" : "");
+  }
+  return std::to_string(options.samples.value_or(0)) + " samples per point, preset " + name(options.preset) +
+         ", denoise " + name(options.denoise) + ", seed " + std::to_string(options.seed);
+}
+
 }  // namespace
 
 ProgressBar::ProgressBar(bool quiet) : visible_(!quiet && isatty(STDERR_FILENO) == 1) {}
@@ -75,12 +85,10 @@ std::string summary(const client::Binding& binding) {
   const double per_row =
       static_cast<double>(binding.indices.size()) / static_cast<double>(std::max<size_t>(binding.point_count(), 1));
 
-  std::string text =
-      thousands(report.points) + " points, " + thousands(report.control_vertices) + " control vertices, " +
-      name(options.coordinates) + ", " + std::to_string(options.samples.value_or(0)) + " samples per point, preset " +
-      name(options.preset) + ", denoise " + name(options.denoise) + ", seed " + std::to_string(options.seed) + "\n";
+  std::string text = thousands(report.points) + " points, " + thousands(report.control_vertices) +
+                     " control vertices, " + name(options.coordinates) + ", " + method(options) + "\n";
   text += "seconds: " + decimals(total) + " in all (" + stages + ")\n";
-  text += "samples: " + thousands(report.samples) + (walks.empty() ? "" : ", " + walks) + "\n";
+  if (report.samples > 0) text += "samples: " + thousands(report.samples) + (walks.empty() ? "" : ", " + walks) + "\n";
   text += "coordinates per row: " + decimals(per_row, "%.1f") + " mean, " + std::to_string(per_row_max) + " max\n";
   text += "rows flagged: " + (flagged.empty() ? "none" : flagged) + "\n";
   text += "linear-precision error: " + decimals(report.linear_precision_error_max, "%.1e") +

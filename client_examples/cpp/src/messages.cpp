@@ -47,7 +47,9 @@ std::vector<Warning> warnings(const google::protobuf::RepeatedPtrField<v1::Warni
 ComputeOptions from_message(const v1::ComputeOptions& options, const v1::OutputOptions& output) {
   return {.coordinates = static_cast<Coordinates>(options.coordinates()),
           .preset = static_cast<Preset>(options.preset()),
+          .estimator = static_cast<Estimator>(options.estimator()),
           .samples = options.samples(),
+          .panels = options.panels(),
           .seed = options.seed(),
           .denoise = static_cast<Denoise>(options.denoise()),
           .thickness = options.thickness(),
@@ -102,7 +104,9 @@ v1::ComputeOptions to_message(const ComputeOptions& options) {
   message.set_preset(static_cast<v1::Preset>(options.preset));
   message.set_seed(options.seed);
   message.set_denoise(static_cast<v1::Denoise>(options.denoise));
+  message.set_estimator(static_cast<v1::Estimator>(options.estimator));
   if (options.samples) message.set_samples(*options.samples);
+  if (options.panels) message.set_panels(*options.panels);
   if (options.thickness) message.set_thickness(*options.thickness);
   if (options.walk_steps_max) message.set_walk_steps_max(*options.walk_steps_max);
   if (options.prune_below) message.set_prune_below(*options.prune_below);
@@ -124,6 +128,7 @@ Capabilities from_message(const v1::GetCapabilitiesResponse& response) {
   Capabilities result;
   for (const int kind : response.coordinates()) result.coordinates.push_back(static_cast<Coordinates>(kind));
   for (const int preset : response.presets()) result.presets.push_back(static_cast<Preset>(preset));
+  for (const int estimator : response.estimators()) result.estimators.push_back(static_cast<Estimator>(estimator));
   result.build_version = response.build_version();
   result.numerics_version = response.numerics_version();
   result.cage_bytes_max = limits.cage_bytes_max();

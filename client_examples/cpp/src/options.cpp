@@ -15,8 +15,13 @@ constexpr Names<Coordinates, 3> kCoordinates{{{Coordinates::kHarmonic, "harmonic
 constexpr Names<Preset, 2> kPresets{{{Preset::kDefault, "default"}, {Preset::kPaper, "paper"}}};
 constexpr Names<Denoise, 3> kDenoise{{{Denoise::kAuto, "auto"}, {Denoise::kNone, "none"}, {Denoise::kMesh, "mesh"}}};
 constexpr Names<DataType, 2> kDataTypes{{{DataType::kFloat32, "float32"}, {DataType::kFloat64, "float64"}}};
-constexpr Names<Stage, 3> kStages{
-    {{Stage::kSampling, "sampling"}, {Stage::kSmoothing, "smoothing"}, {Stage::kRows, "rows"}}};
+constexpr Names<Stage, 4> kStages{{{Stage::kSampling, "sampling"},
+                                   {Stage::kSmoothing, "smoothing"},
+                                   {Stage::kRows, "rows"},
+                                   {Stage::kSolving, "solving"}}};
+constexpr Names<Estimator, 3> kEstimators{{{Estimator::kSampling, "sampling"},
+                                           {Estimator::kBoundaryElement, "boundary-element"},
+                                           {Estimator::kExact, "exact"}}};
 
 template <class Enum, size_t n>
 std::string name_in(const Names<Enum, n>& names, Enum value) {
@@ -51,6 +56,9 @@ std::string name(DataType value) {
 std::string name(Stage value) {
   return name_in(kStages, value);
 }
+std::string name(Estimator value) {
+  return name_in(kEstimators, value);
+}
 
 std::optional<Coordinates> coordinates_named(std::string_view name) {
   return named_in(kCoordinates, name);
@@ -63,6 +71,9 @@ std::optional<Denoise> denoise_named(std::string_view name) {
 }
 std::optional<DataType> data_type_named(std::string_view name) {
   return named_in(kDataTypes, name);
+}
+std::optional<Estimator> estimator_named(std::string_view name) {
+  return named_in(kEstimators, name);
 }
 
 }  // namespace barycast::client

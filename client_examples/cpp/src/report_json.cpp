@@ -73,7 +73,9 @@ std::string to_json(const ComputeOptions& options) {
   Object object;
   object.add("coordinates", quoted(name(options.coordinates)))
       .add("preset", quoted(name(options.preset)))
+      .add("estimator", quoted(name(options.estimator)))
       .add("samples", uint64_t{options.samples.value_or(0)})
+      .add("panels", uint64_t{options.panels.value_or(0)})
       .add("seed", options.seed)
       .add("denoise", quoted(name(options.denoise)))
       .add("thickness", options.thickness.value_or(0))

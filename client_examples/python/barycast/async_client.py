@@ -73,10 +73,10 @@ class AsyncClient:
                    gradients: bool = False, dtype: Any = "float32", progress: Optional[ProgressCallback] = None,
                    thickness: Optional[float] = None, walk_steps_max: Optional[int] = None,
                    prune_below: Optional[float] = None, smoothing_time: Optional[float] = None,
-                   influences_max: int = 0) -> Binding:
+                   influences_max: int = 0, estimator: str = "sampling", panels: Optional[int] = None) -> Binding:
         """As `Client.bind`."""
         options = compute_options(coordinates, preset, samples, seed, denoise, thickness, walk_steps_max, prune_below,
-                                  smoothing_time)
+                                  smoothing_time, estimator, panels)
         output = output_options(dtype, gradients, influences_max)
         return await self.bind_with(cage, points, faces, options, output, progress)
 

@@ -13,7 +13,7 @@ from typing import Any, List, Optional
 
 from . import __version__, commands
 from .errors import BarycastError, InputError
-from .options import COORDINATES, DTYPES, PRESETS
+from .options import COORDINATES, DTYPES, ESTIMATORS, PRESETS
 from .retry import RETRY_SECONDS
 
 Verbs = Any  # argparse does not name this type in public
@@ -48,6 +48,9 @@ def _add_bind(verbs: Verbs) -> argparse.ArgumentParser:
     bind.add_argument("model", metavar="MODEL", help=".obj, .ply, .stl or .npz; without faces: loose points")
     bind.add_argument("-o", "--output", metavar="BIND.npz", help="required, except with --estimate")
     bind.add_argument("--coordinates", choices=COORDINATES, default="harmonic")
+    bind.add_argument("--estimator", choices=ESTIMATORS, default="sampling",
+                      help="boundary-element: harmonic, without noise; exact: mean value, closed triangle cages")
+    bind.add_argument("--panels", type=int, help="boundary elements, at most (default: 1000)")
     bind.add_argument("--samples", type=int, help="walks or rays per point (default: 50)")
     bind.add_argument("--seed", type=int, default=0)
     bind.add_argument("--preset", choices=PRESETS, default="default")

@@ -83,11 +83,12 @@ class Client:
              gradients: bool = False, dtype: Any = "float32", progress: Optional[ProgressCallback] = None,
              thickness: Optional[float] = None, walk_steps_max: Optional[int] = None,
              prune_below: Optional[float] = None, smoothing_time: Optional[float] = None,
-             influences_max: int = 0) -> Binding:
+             influences_max: int = 0, estimator: str = "sampling", panels: Optional[int] = None) -> Binding:
         """All rows of `compute` as one sparse matrix. None follows the preset. influences_max: coordinates kept per
-        row, d + 1 or more; 0: all. Throws InputError, ServerError."""
+        row, d + 1 or more; 0: all. estimator: "sampling", or without samples "boundary-element" (harmonic, at most
+        `panels` of them) or "exact" (mean value, closed triangle cages). Throws InputError, ServerError."""
         options = compute_options(coordinates, preset, samples, seed, denoise, thickness, walk_steps_max, prune_below,
-                                  smoothing_time)
+                                  smoothing_time, estimator, panels)
         output = output_options(dtype, gradients, influences_max)
         return self.bind_with(cage, points, faces, options, output, progress)
 

@@ -29,7 +29,8 @@ def bind(arguments: argparse.Namespace) -> None:
         print(f"barycast: note: the cage has more vertices ({len(cage.control_vertices):,}) than the model has points "
               f"({len(points):,}); are they swapped?", file=sys.stderr)
     options = compute_options(arguments.coordinates, arguments.preset, arguments.samples, arguments.seed,
-                              arguments.denoise, arguments.thickness, arguments.walk_steps_max, arguments.prune_below)
+                              arguments.denoise, arguments.thickness, arguments.walk_steps_max, arguments.prune_below,
+                              estimator=arguments.estimator, panels=arguments.panels)
     output = output_options(arguments.dtype, arguments.gradients, arguments.influences)
     with Client(arguments.server, retry_seconds=arguments.retry_seconds) as client:
         if arguments.estimate:

@@ -22,6 +22,7 @@ def _names(enum: Any) -> Dict[str, int]:
 
 COORDINATES = _names(options_pb2.CoordinateKind)
 PRESETS = _names(options_pb2.Preset)
+ESTIMATORS = _names(options_pb2.Estimator)
 DENOISE = _names(options_pb2.Denoise)
 STAGES = _names(barycast_pb2.Stage)
 FLAGS = _names(barycast_pb2.RowFlag)
@@ -50,12 +51,15 @@ def _whole(value: Optional[int], field: str, bits: int) -> Optional[int]:
 def compute_options(coordinates: str = "harmonic", preset: str = "default", samples: Optional[int] = None,
                     seed: int = 0, denoise: str = "auto", thickness: Optional[float] = None,
                     walk_steps_max: Optional[int] = None, prune_below: Optional[float] = None,
-                    smoothing_time: Optional[float] = None) -> options_pb2.ComputeOptions:
+                    smoothing_time: Optional[float] = None, estimator: str = "sampling",
+                    panels: Optional[int] = None) -> options_pb2.ComputeOptions:
     """What to compute; None follows the preset. Ranges are the server's to check, names and whole numbers are
     checked here. Throws InputError naming the field."""
     return options_pb2.ComputeOptions(
         coordinates=_number(COORDINATES, coordinates, "options.coordinates"),
         preset=_number(PRESETS, preset, "options.preset"),
+        estimator=_number(ESTIMATORS, estimator, "options.estimator"),
+        panels=_whole(panels, "options.panels", 32),
         samples=_whole(samples, "options.samples", 32),
         seed=_whole(seed, "options.seed", 64),
         denoise=_number(DENOISE, denoise, "options.denoise"),
@@ -86,7 +90,9 @@ def describe(options: options_pb2.ComputeOptions, output: options_pb2.OutputOpti
     return {
         "coordinates": name_of(COORDINATES, options.coordinates),
         "preset": name_of(PRESETS, options.preset),
+        "estimator": name_of(ESTIMATORS, options.estimator),
         "samples": options.samples,
+        "panels": options.panels,
         "seed": options.seed,
         "denoise": name_of(DENOISE, options.denoise),
         "thickness": options.thickness,

@@ -12,7 +12,7 @@ from barycast.v1 import barycast_pb2
 from .cage import Cage
 from .errors import InputError
 from .exchange import Exchange
-from .options import COORDINATES, PRESETS, describe, flag_names, name_of
+from .options import COORDINATES, ESTIMATORS, PRESETS, describe, flag_names, name_of
 
 if TYPE_CHECKING:
     from .binding import Binding
@@ -90,10 +90,9 @@ def summary_lines(binding: Binding) -> List[str]:
                        ("walk_reentries", "re-entries")) if report[name])
     lines = [
         f'{counts["points"]:,} points, {counts["control_vertices"]:,} control vertices, {options["coordinates"]}, '
-        f'{options["samples"]} samples per point, preset {options["preset"]}, denoise {options["denoise"]}, '
-        f'seed {options["seed"]}',
+        f'{_method(options)}',
         f'seconds: {seconds.get("total", sum(seconds.values())):.3f} in all ({stages})',
-        f'samples: {report["samples"]:,}' + (f", {walks}" if walks else ""),
+        *([f'samples: {report["samples"]:,}' + (f", {walks}" if walks else "")] if report["samples"] else []),
         f'coordinates per row: {counts["entries_per_row_mean"]:.1f} mean, {counts["entries_per_row_max"]} max',
         f"rows flagged: {rows or 'none'}",
         f'linear-precision error: {report["linear_precision_error_max"]:.1e} diagonals before rounding to '
@@ -106,6 +105,15 @@ def summary_lines(binding: Binding) -> List[str]:
     return lines + [f'warning: {warning["field"]}: {warning["message"]}' for warning in report["warnings"]]
 
 
+def _method(options: Dict[str, Any]) -> str:
+    """How coordinates were found. Reports of the first versions name no estimator: they sampled."""
+    estimator = options.get("estimator", "sampling")
+    if estimator != "sampling":
+        return estimator + (f', at most {options["panels"]:,} panels' if options["panels"] else "")
+    return (f'{options["samples"]} samples per point, preset {options["preset"]}, denoise {options["denoise"]}, '
+            f'seed {options["seed"]}')
+
+
 def capability_values(answer: barycast_pb2.GetCapabilitiesResponse) -> Dict[str, Any]:
     """A server's capabilities as plain values; kinds and presets by the names that options take."""
     return {
@@ -113,6 +121,7 @@ def capability_values(answer: barycast_pb2.GetCapabilitiesResponse) -> Dict[str,
         "numerics_version": answer.numerics_version,
         "coordinates": [name_of(COORDINATES, kind) for kind in answer.coordinates],
         "presets": [name_of(PRESETS, preset) for preset in answer.presets],
+        "estimators": [name_of(ESTIMATORS, estimator) for estimator in answer.estimators],
         "elements": {str(support.dimension): list(support.kinds) for support in answer.elements},
         "limits": {field.name: getattr(answer.limits, field.name) for field in answer.limits.DESCRIPTOR.fields},
     }
@@ -125,6 +134,7 @@ def capability_lines(answer: barycast_pb2.GetCapabilitiesResponse) -> List[str]:
         f'barycastd {values["build_version"]}, numerics version {values["numerics_version"]}',
         f'coordinates: {", ".join(values["coordinates"]) or "none"}',
         f'presets: {", ".join(values["presets"]) or "none"}',
+        f'estimators: {", ".join(values["estimators"]) or "none"}',
     ]
     lines += [f'elements of cages in {dimension} dimensions: {", ".join(kinds)}'
               for dimension, kinds in values["elements"].items()]

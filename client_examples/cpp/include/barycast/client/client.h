@@ -48,6 +48,7 @@ struct Points {
 struct Capabilities {
   std::vector<Coordinates> coordinates;
   std::vector<Preset> presets;
+  std::vector<Estimator> estimators;
   std::string build_version;
   uint32_t numerics_version = 0;
   uint64_t cage_bytes_max = 0, points_max = 0, faces_max = 0, samples_max = 0, block_rows_max = 0;

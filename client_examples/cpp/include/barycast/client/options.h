@@ -2,7 +2,7 @@
 
 // What to compute and how rows are written; field by field as in barycast/v1/options.proto. Unset
 // options follow the preset. Ranges are the server's to check: it names the option at fault. The answer
-// (Report::options) has every field set, as the server resolved it.
+// (Report::options) has every field that the estimator uses, as the server resolved it.
 
 #include <cstdint>
 #include <optional>
@@ -15,12 +15,15 @@ enum class Coordinates { kHarmonic = 1, kMeanValue = 2, kPositiveMeanValue = 3 }
 enum class Preset { kDefault = 1, kPaper = 2 };
 enum class Denoise { kAuto = 1, kNone = 2, kMesh = 3 };
 enum class DataType { kFloat32 = 1, kFloat64 = 2 };
-enum class Stage { kSampling = 1, kSmoothing = 2, kRows = 3 };
+enum class Stage { kSampling = 1, kSmoothing = 2, kRows = 3, kSolving = 4 };
+enum class Estimator { kSampling = 1, kBoundaryElement = 2, kExact = 3 };
 
 struct ComputeOptions {
   Coordinates coordinates = Coordinates::kHarmonic;
   Preset preset = Preset::kDefault;
+  Estimator estimator = Estimator::kSampling;
   std::optional<uint32_t> samples = {};
+  std::optional<uint32_t> panels = {};  // of boundary elements
   uint64_t seed = 0;
   Denoise denoise = Denoise::kAuto;
   std::optional<double> thickness = {};         // in diagonals of the cage's bounding box
@@ -40,11 +43,13 @@ std::string name(Preset value);
 std::string name(Denoise value);
 std::string name(DataType value);
 std::string name(Stage value);
+std::string name(Estimator value);
 
 // The reverse; nothing where the name is unknown.
 std::optional<Coordinates> coordinates_named(std::string_view name);
 std::optional<Preset> preset_named(std::string_view name);
 std::optional<Denoise> denoise_named(std::string_view name);
 std::optional<DataType> data_type_named(std::string_view name);
+std::optional<Estimator> estimator_named(std::string_view name);
 
 }  // namespace barycast::client

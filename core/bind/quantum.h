@@ -1,0 +1,64 @@
+#pragma once
+
+// Cuts a binding's work into pieces of about twenty milliseconds, learning from the pieces before. It changes no
+// result.
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <cstddef>
+
+#include "base/parallel.h"
+
+namespace barycast {
+
+// Adds the life time of the object to `seconds`.
+class StageTimer {
+ public:
+  using Clock = std::chrono::steady_clock;
+  explicit StageTimer(double& seconds) : seconds_(seconds), start_(Clock::now()) {}
+  ~StageTimer() { seconds_ += elapsed(); }
+  double elapsed() const { return std::chrono::duration<double>(Clock::now() - start_).count(); }
+  StageTimer(const StageTimer&) = delete;
+  StageTimer& operator=(const StageTimer&) = delete;
+
+ private:
+  double& seconds_;
+  Clock::time_point start_;
+};
+
+class Quantum {
+ public:
+  explicit Quantum(size_t first_guess) : size_(std::clamp<size_t>(first_guess, 1, 16)) {}
+
+  // How many points the next piece handles.
+  size_t size() const { return size_; }
+
+  // Runs body(begin, end) over [0, count) in parallel, in tasks of at most `grain`; body says whether to go on. False
+  // when it did not, or `cancel` was set.
+  template <class Body>
+  bool run(size_t count, size_t grain, const std::atomic<bool>& cancel, const Body& body) {
+    double seconds = 0.0;
+    std::atomic<bool> complete = true;
+    {
+      const StageTimer timer(seconds);
+      parallel_for(count, count < grain * parallel_width() ? 1 : grain, [&](size_t begin, size_t end) {
+        if (!complete.load(std::memory_order_relaxed) || !body(begin, end)) complete = false;
+      });
+    }
+    learn(count, seconds);
+    return complete && !cancel;
+  }
+
+ private:
+  void learn(size_t done, double seconds) {
+    if (done < size_) return;
+    if (seconds < 0.5 * kSeconds) size_ = std::min<size_t>(2 * size_, 1 << 16);
+    if (seconds > 1.5 * kSeconds) size_ = std::max<size_t>(size_ / 2, 1);
+  }
+
+  static constexpr double kSeconds = 0.02;
+  size_t size_;
+};
+
+}  // namespace barycast

@@ -1,0 +1,155 @@
+#include "bind/solved_binding.h"
+
+#include <algorithm>
+
+#include "base/parallel.h"
+#include "bind/block_builder.h"
+#include "bind/quantum.h"
+#include "estimate/row.h"
+#include "query/winding.h"
+#include "solve/boundary_elements.h"
+#include "solve/closed.h"
+#include "solve/exact_mean_value.h"
+
+namespace barycast {
+namespace {
+
+class SolvedBinding final : public Binding {
+ public:
+  // Either a solution or a solver that is going to make one.
+  SolvedBinding(std::shared_ptr<const CageIndex> index, const CageStructures<3>& structures, QuerySet<3> queries,
+                const BindingSettings& settings, std::unique_ptr<const Solution<3>> solution,
+                std::unique_ptr<BoundarySolver> solver)
+      : index_(std::move(index)),
+        structures_(structures),
+        queries_(std::move(queries)),
+        settings_(settings),
+        solution_(std::move(solution)),
+        solver_(std::move(solver)),
+        finisher_(structures.cage, {.prune_below = settings.options.prune_below,
+                                    .gradients = settings.options.gradients,
+                                    .influences_max = settings.options.influences_max}),
+        blocks_(settings_, structures.cage.frame().diagonal),
+        quantum_(kPointsPerTask),
+        next_row_(settings.first_row) {
+    queries_.mesh = {};
+    const auto warnings = structures.cage.warnings();
+    summary_.warnings.assign(warnings.begin(), warnings.end());
+    summary_.warnings.insert(summary_.warnings.end(), queries_.warnings.begin(), queries_.warnings.end());
+    report_rows();
+    if (solver_) progress_ = {Stage::kSolving, 0, solver_->total()};
+  }
+
+  Step advance(const std::atomic<bool>& cancel) override {
+    if (cancel) return Step::kCancelled;
+    return solver_ ? solve() : make_rows(cancel);
+  }
+
+  RowBlock take_block() override { return std::exchange(block_, {}); }
+  Progress progress() const override { return progress_; }
+  const BindingSummary& summary() const override { return summary_; }
+  double smoothing_time() const override { return 0.0; }
+
+ private:
+  void report_rows() { progress_ = {Stage::kRows, next_row_, queries_.points.size()}; }
+
+  Step solve() {
+    const StageTimer timer(summary_.solving_s);
+    solver_->advance();
+    progress_.done = solver_->done();
+    if (solver_->done() < solver_->total()) return Step::kWorking;
+    for (Warning& warning : solver_->warnings()) summary_.warnings.push_back(std::move(warning));
+    solution_ = solver_->take(*structures_.distance, *structures_.winding);
+    solver_.reset();
+    report_rows();
+    return Step::kWorking;
+  }
+
+  void finish_rows(size_t first_point, std::span<FinishedRow<3>> rows) const {
+    const std::span<const Vec<3>> points = std::span(queries_.points).subspan(first_point, rows.size());
+    const bool gradients = settings_.options.gradients;
+    SolvedRows<3> solved;
+    solution_->evaluate(points, gradients, solved);
+    for (size_t i = 0; i < rows.size(); ++i) {
+      const auto at = static_cast<Eigen::Index>(i);
+      FinishedRow<3>& row = rows[i];
+      for (const uint32_t v : structures_.cage.used_vertices()) {
+        RowEntry<3> entry{v, solved.values(at, v), Vec<3>::Zero()};
+        if (gradients)
+          entry.gradient = {solved.gradients[0](at, v), solved.gradients[1](at, v), solved.gradients[2](at, v)};
+        row.entries.push_back(entry);
+      }
+      row.error = finisher_.finish(points[i], row.entries);
+      if (solved.on_cage[i] != 0) row.flags |= kRowOnCage;
+      if (!structures_.winding->inside(points[i])) row.flags |= kRowOutside;
+    }
+  }
+
+  Step make_rows(const std::atomic<bool>& cancel) {
+    const StageTimer timer(summary_.rows_s);
+    if (next_row_ == queries_.points.size() && blocks_.size() == 0) return Step::kDone;
+    const size_t count = std::min({quantum_.size(), blocks_.room(), queries_.points.size() - next_row_});
+    const std::span<FinishedRow<3>> rows = blocks_.append(count);
+    const bool complete = quantum_.run(count, kPointsPerTask, cancel, [&](size_t begin, size_t end) {
+      finish_rows(next_row_ + begin, rows.subspan(begin, end - begin));
+      return !cancel.load(std::memory_order_relaxed);
+    });
+    if (!complete) return Step::kCancelled;
+    next_row_ += count;
+    progress_.done = next_row_;
+    if (blocks_.room() > 0 && next_row_ < queries_.points.size()) return Step::kWorking;
+    block_ = blocks_.pack(next_row_ - blocks_.size(), summary_);
+    return Step::kBlock;
+  }
+
+  static constexpr size_t kPointsPerTask = 16;
+
+  std::shared_ptr<const CageIndex> index_;  // keeps structures_ alive
+  const CageStructures<3>& structures_;
+  QuerySet<3> queries_;
+  BindingSettings settings_;
+  std::unique_ptr<const Solution<3>> solution_;
+  std::unique_ptr<BoundarySolver> solver_;
+  RowFinisher<3> finisher_;
+  BlockBuilder<3> blocks_;
+  Quantum quantum_;
+  uint64_t next_row_;
+  RowBlock block_;
+  Progress progress_;
+  BindingSummary summary_;
+};
+
+// Ends early at a point that is not, or when cancelled.
+bool all_inside(const WindingNumber<3>& winding, std::span<const Vec<3>> points, const std::atomic<bool>& cancel) {
+  std::atomic<bool> all = true;
+  parallel_for(points.size(), 256, [&](size_t begin, size_t end) {
+    for (size_t i = begin; i < end && all && !cancel; ++i)
+      if (!winding.inside(points[i])) all = false;
+  });
+  return all;
+}
+
+}  // namespace
+
+Result<std::unique_ptr<Binding>> create_solved_binding(std::shared_ptr<const CageIndex> index,
+                                                       const CageStructures<3>& structures, QuerySet<3> queries,
+                                                       const BindingSettings& settings,
+                                                       const std::atomic<bool>& cancel) {
+  std::unique_ptr<const Solution<3>> solution;
+  std::unique_ptr<BoundarySolver> solver;
+  if (settings.options.estimator == Estimator::kExact) {
+    auto exact = ExactMeanValue::create(structures.cage);
+    if (!exact) return exact.error();
+    solution = std::move(*exact);
+  } else {
+    const bool moments = !is_closed(structures.cage) || !all_inside(*structures.winding, queries.points, cancel);
+    if (cancel) return Error{ErrorCode::kCancelled, "", "the request was cancelled"};
+    auto created = BoundarySolver::create(structures.cage, {.panels = settings.options.panels, .moments = moments});
+    if (!created) return created.error();
+    solver = std::move(*created);
+  }
+  return std::unique_ptr<Binding>(std::make_unique<SolvedBinding>(std::move(index), structures, std::move(queries),
+                                                                  settings, std::move(solution), std::move(solver)));
+}
+
+}  // namespace barycast

@@ -1,0 +1,137 @@
+#include "solve/boundary_elements.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "base/parallel.h"
+#include "base/tolerances.h"
+#include "solve/boundary_field.h"
+#include "solve/panel_potential.h"
+
+namespace barycast {
+namespace {
+
+constexpr size_t kTile = static_cast<size_t>(TiledCholesky::kTile);
+constexpr size_t kPanelsPerTile = kTile / 3;
+static_assert(kTile % 3 == 0);
+constexpr Eigen::Index kGroup = 16;  // right-hand sides solved together
+
+// On the diagonal of the scaled matrix, whose entries are about one: elements on top of each other get the mean of
+// their boundary values instead of no solution; the others change by less than the discretization a million times.
+constexpr double kRegularization = 1e-10;
+
+// Unknowns are scaled so that the matrix does not grow with the panels' size.
+double unknown_scale(const Panel& panel) {
+  return std::pow(panel.area, -0.75);
+}
+
+}  // namespace
+
+Result<std::unique_ptr<BoundarySolver>> BoundarySolver::create(const Cage<3>& cage, const BoundarySettings& settings) {
+  Result<Panels> panels = Panels::cut(cage, settings.panels);
+  if (!panels) return panels.error();
+  return std::unique_ptr<BoundarySolver>(new BoundarySolver(cage, std::move(*panels), settings.moments));
+}
+
+BoundarySolver::BoundarySolver(const Cage<3>& cage, Panels panels, bool moments)
+    : cage_(cage), panels_(std::move(panels)), data_(cage, moments), matrix_(3 * panels_.panels.size()) {}
+
+size_t BoundarySolver::groups() const {
+  return static_cast<size_t>((data_.count() + kGroup - 1) / kGroup);
+}
+
+size_t BoundarySolver::solved_bytes(const BoundarySettings& settings, size_t control_vertices) {
+  const size_t columns = settings.moments ? 4 * control_vertices + 6 : control_vertices;
+  return settings.panels * (sizeof(Panel) + 3 * (columns + 16) * sizeof(double));
+}
+
+size_t BoundarySolver::bytes(const BoundarySettings& settings, size_t control_vertices) {
+  // The densities are kept twice while they change places.
+  return TiledCholesky::bytes(3 * static_cast<size_t>(settings.panels)) + 2 * solved_bytes(settings, control_vertices);
+}
+
+void BoundarySolver::assemble(size_t row) {
+  const auto& panels = panels_.panels;
+  parallel_for(row + 1, 1, [&](size_t begin, size_t end) {
+    for (size_t column = begin; column < end; ++column) {
+      TiledCholesky::Tile tile = matrix_.tile(row, column);
+      tile.setZero();
+      for (size_t i = 0; i < kPanelsPerTile; ++i) {
+        const size_t a = row * kPanelsPerTile + i;
+        const auto at_row = static_cast<Eigen::Index>(3 * i);
+        if (a >= panels.size()) {
+          if (row == column) tile.block<3, 3>(at_row, at_row).setIdentity();
+          continue;
+        }
+        for (size_t j = 0; j < kPanelsPerTile && column * kPanelsPerTile + j <= a; ++j) {
+          const size_t b = column * kPanelsPerTile + j;
+          Mat<3> block = panel_interaction(panels[a], panels[b]);
+          // By quadrature on one side the interaction of a panel with itself is symmetric only nearly.
+          if (a == b) block = 0.5 * (block + block.transpose()).eval();
+          block *= unknown_scale(panels[a]) * unknown_scale(panels[b]);
+          if (a == b) block += kRegularization * Mat<3>::Identity();
+          tile.block<3, 3>(at_row, static_cast<Eigen::Index>(3 * j)) = block;
+        }
+      }
+    }
+  });
+}
+
+void BoundarySolver::solve_groups() {
+  const Eigen::Index rows = static_cast<Eigen::Index>(matrix_.tile_count() * kTile);
+  if (densities_.empty()) {
+    densities_.assign(groups(), TiledCholesky::Columns::Zero(rows, kGroup));
+    BoundaryData::Row values(data_.count());
+    for (size_t p = 0; p < panels_.panels.size(); ++p) {
+      const Panel& panel = panels_.panels[p];
+      const ElementKind kind = cage_.elements()[panel.element].kind;
+      for (const TrianglePoint& rule : kTriangleRule) {
+        const auto shares = element_shares(kind, panel, rule.barycentric);
+        Vec<3> y = Vec<3>::Zero();
+        for (size_t c = 0; c < 4 && c < static_cast<size_t>(cage_.elements()[panel.element].corner_count()); ++c)
+          y += shares[c] * cage_.corner(cage_.elements()[panel.element], static_cast<int>(c));
+        data_.values(panel.element, shares, y, values);
+        for (size_t k = 0; k < 3; ++k) {
+          const double weight = rule.weight * panel.area * (2 * rule.barycentric[k] - 1 / 3.0) * unknown_scale(panel);
+          for (Eigen::Index c = 0; c < values.size(); ++c)
+            if (values[c] != 0.0)
+              densities_[static_cast<size_t>(c / kGroup)](static_cast<Eigen::Index>(3 * p + k), c % kGroup) +=
+                  weight * values[c];
+        }
+      }
+    }
+  }
+  const size_t count = std::min(groups() - solved_, parallel_width());
+  parallel_for(count, 1, [&](size_t begin, size_t end) {
+    for (size_t g = solved_ + begin; g < solved_ + end; ++g) {
+      matrix_.solve(densities_[g]);
+      for (size_t p = 0; p < panels_.panels.size(); ++p)
+        densities_[g].middleRows<3>(static_cast<Eigen::Index>(3 * p)) *= unknown_scale(panels_.panels[p]);
+    }
+  });
+  solved_ += count;
+}
+
+void BoundarySolver::advance() {
+  if (assembled_ < rows()) {
+    assemble(assembled_++);
+  } else if (factored_ < rows()) {
+    matrix_.factor_column();
+    ++factored_;
+  } else {
+    solve_groups();
+  }
+}
+
+std::vector<Warning> BoundarySolver::warnings() const {
+  if (matrix_.columns_raised() == 0) return {};
+  return {{"cage", "elements cut each other or lie on top of each other; boundary elements are less accurate there"}};
+}
+
+std::unique_ptr<const Solution<3>> BoundarySolver::take(const DistanceIndex<3>& distance,
+                                                        const WindingNumber<3>& winding) {
+  BARYCAST_CHECK_OP(done(), ==, total());
+  return std::make_unique<BoundaryField>(cage_, distance, winding, std::move(panels_), data_, densities_);
+}
+
+}  // namespace barycast

@@ -1,0 +1,70 @@
+#pragma once
+
+// Harmonic coordinates by boundary elements: an indirect single layer [Sauter and Schwab 2011, ch. 3]. The harmonic
+// function with values f on the cage is the potential of a density on it; the density is piecewise linear on graded
+// panels and fulfils the boundary values in the mean over every panel's functions (Galerkin), so that the system is
+// symmetric and positive definite for every cage, closed or open. The same density serves inside and outside,
+// where the potential vanishes far away: the hitting measure of a walk that may escape.
+//
+// Inside closed cages the coordinates are the potentials of the phi_v; elsewhere, projected moments. Near the cage
+// the potential's own error on it, which is known, is taken off, fading over a part of a panel: values approach the
+// basis. Deterministic. Cost: 3 unknowns a panel; n^3 / 3 once (0.5 s for 1,000 panels on two cores), then some tens of
+// microseconds a point.
+
+#include <atomic>
+#include <memory>
+
+#include "base/result.h"
+#include "base/warning.h"
+#include "query/distance_index.h"
+#include "query/winding.h"
+#include "solve/boundary_data.h"
+#include "solve/panels.h"
+#include "solve/solution.h"
+#include "solve/tiled_cholesky.h"
+
+namespace barycast {
+
+struct BoundarySettings {
+  uint32_t panels = 1000;  // at most
+  bool moments = true;     // false: points inside a closed cage only
+};
+
+// Solves in pieces of about ten milliseconds, each on all threads of the calling arena.
+class BoundarySolver {
+ public:
+  // The cage must outlive what comes of it. Errors: kInvalidArgument ("panels": the cage needs more).
+  static Result<std::unique_ptr<BoundarySolver>> create(const Cage<3>& cage, const BoundarySettings& settings);
+
+  size_t panel_count() const { return panels_.panels.size(); }
+  size_t done() const { return assembled_ + factored_ + solved_; }
+  size_t total() const { return 2 * rows() + groups(); }
+
+  // The next piece.
+  void advance();
+  // What was met on the way: elements on top of each other.
+  std::vector<Warning> warnings() const;
+
+  // Once done() == total(); the solver is spent.
+  std::unique_ptr<const Solution<3>> take(const DistanceIndex<3>& distance, const WindingNumber<3>& winding);
+
+  // Peak of memory while solving, and what the solution keeps, if all panels are used.
+  static size_t bytes(const BoundarySettings& settings, size_t control_vertices);
+  static size_t solved_bytes(const BoundarySettings& settings, size_t control_vertices);
+
+ private:
+  BoundarySolver(const Cage<3>& cage, Panels panels, bool moments);
+  size_t rows() const { return matrix_.tile_count(); }
+  size_t groups() const;
+  void assemble(size_t row);
+  void solve_groups();
+
+  const Cage<3>& cage_;
+  Panels panels_;
+  BoundaryData data_;
+  TiledCholesky matrix_;
+  std::vector<TiledCholesky::Columns> densities_;  // a group of columns each
+  size_t assembled_ = 0, factored_ = 0, solved_ = 0;
+};
+
+}  // namespace barycast

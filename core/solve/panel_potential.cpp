@@ -1,0 +1,134 @@
+#include "solve/panel_potential.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace barycast {
+namespace {
+
+// Distances, in sums of both radii, from which pairs of panels are integrated by points on both: three on each, seven
+// on each. Nearer than that one side is exact.
+constexpr double kThreePointDistance = 6.0;
+constexpr double kSevenPointDistance = 2.0;
+// Keeps logarithms and quotients finite for points on the line of an edge; far below what rounding leaves of them.
+constexpr double kTiny = 1e-200;
+
+Vec<3> at(const Panel& panel, const std::array<double, 3>& barycentric) {
+  return barycentric[0] * panel.corner[0] + barycentric[1] * panel.corner[1] + barycentric[2] * panel.corner[2];
+}
+
+// The density functions where the barycentric coordinates are these.
+Vec<3> density_functions(const std::array<double, 3>& barycentric) {
+  return 2 * Vec<3>(barycentric[0], barycentric[1], barycentric[2]) - Vec<3>::Constant(1 / 3.0);
+}
+
+// An edge as seen from x: integrals along it, in the panel's plane about the projection of x.
+struct EdgeIntegrals {
+  Vec<3> along, outward;  // unit vectors in the plane
+  double distance;        // of the projection from the edge's line, positive inside
+  double inverse;         // int dl / R
+  double first;           // int l dl / R
+  double radial;          // int R^2-weighted part of int (rho - rho_0) / R dA, see exact_potential
+  double angle;           // the edge's part of the solid angle
+};
+
+EdgeIntegrals edge_integrals(const Panel& panel, size_t edge, const Vec<3>& x, double height) {
+  const Vec<3> from = panel.corner[edge] - x, to = panel.corner[(edge + 1) % 3] - x;
+  EdgeIntegrals result;
+  result.along = (to - from).normalized();
+  result.outward = result.along.cross(panel.normal);
+  result.distance = from.dot(result.outward);
+  const double start = from.dot(result.along), end = to.dot(result.along);
+  const double near = from.norm(), far = to.norm();  // of start and end
+  const double line_squared = result.distance * result.distance + height * height;
+  // ln((far + end) / (near + start)), written so that nothing cancels.
+  if (start > 0) {
+    result.inverse = std::log((far + end) / (near + start));
+  } else if (end < 0) {
+    result.inverse = std::log((near - start) / (far - end));
+  } else {
+    result.inverse = std::log(std::max((far + end) * (near - start), kTiny) / std::max(line_squared, kTiny));
+  }
+  result.first = far - near;
+  result.radial = 0.5 * ((line_squared > 0 ? line_squared * result.inverse : 0.0) + end * far - start * near);
+  const double h = std::abs(height);
+  result.angle = std::atan2(result.distance * end, line_squared + h * far) -
+                 std::atan2(result.distance * start, line_squared + h * near);
+  return result;
+}
+
+}  // namespace
+
+void exact_potential(const Panel& panel, const Vec<3>& x, bool with_gradient, PanelPotential& out) {
+  const double height = panel.normal.dot(x - panel.centre);
+  const Vec<3> projection = x - height * panel.normal;
+  double inverse = 0.0, solid_angle = 0.0;  // int 1 / R, and |h| int 1 / R^3
+  Vec<3> radial = Vec<3>::Zero();           // int (rho - rho_0) / R
+  std::array<EdgeIntegrals, 3> edges;
+  for (size_t i = 0; i < 3; ++i) {
+    const EdgeIntegrals& e = edges[i] = edge_integrals(panel, i, x, height);
+    inverse += e.distance * e.inverse - std::abs(height) * e.angle;
+    solid_angle += e.angle;
+    radial += e.radial * e.outward;
+  }
+  Vec<3> at_projection;  // the density functions there, continued beyond the panel
+  for (size_t k = 0; k < 3; ++k) {
+    at_projection[Eigen::Index(k)] = 1 / 3.0 + panel.gradient[k].dot(projection - panel.centre);
+    out.value[Eigen::Index(k)] = at_projection[Eigen::Index(k)] * inverse + panel.gradient[k].dot(radial);
+  }
+  if (!with_gradient) return;
+  const double signed_angle = height > 0 ? solid_angle : height < 0 ? -solid_angle : 0.0;
+  for (size_t k = 0; k < 3; ++k) {
+    const Vec<3>& slope = panel.gradient[k];
+    const double value = at_projection[Eigen::Index(k)];
+    Vec<3> gradient = slope * inverse - (value * signed_angle) * panel.normal;
+    for (const EdgeIntegrals& e : edges) {
+      const double across = slope.dot(e.outward);
+      gradient -= ((value + e.distance * across) * e.inverse + slope.dot(e.along) * e.first) * e.outward;
+      gradient += (height * across * e.inverse) * panel.normal;
+    }
+    out.gradient[k] = gradient;
+  }
+}
+
+void far_potential(const Panel& panel, const Vec<3>& x, bool with_gradient, PanelPotential& out) {
+  out.value.setZero();
+  if (with_gradient) out.gradient.fill(Vec<3>::Zero());
+  for (const TrianglePoint& rule : kTriangleRule) {
+    const Vec<3> to = at(panel, rule.barycentric) - x;
+    const double inverse = 1 / to.norm();
+    const Vec<3> value = (rule.weight * panel.area * inverse) * density_functions(rule.barycentric);
+    out.value += value;
+    if (with_gradient)
+      for (size_t k = 0; k < 3; ++k) out.gradient[k] += (value[Eigen::Index(k)] * inverse * inverse) * to;
+  }
+}
+
+Mat<3> panel_interaction(const Panel& a, const Panel& b) {
+  const double distance = (a.centre - b.centre).norm(), radii = a.radius + b.radius;
+  Mat<3> result = Mat<3>::Zero();
+  if (distance > kThreePointDistance * radii) {
+    for (size_t j = 0; j < 3; ++j)
+      for (size_t k = 0; k < 3; ++k)
+        result(Eigen::Index(j), Eigen::Index(k)) = a.area * b.area / 9 / (a.point[j] - b.point[k]).norm();
+    return result;
+  }
+  // Potentials of a large panel are smooth over a small one.
+  const bool swapped = a.radius > b.radius;
+  const Panel& outer = swapped ? b : a;
+  const Panel& inner = swapped ? a : b;
+  PanelPotential potential;
+  for (const TrianglePoint& rule : kTriangleRule) {
+    const Vec<3> x = at(outer, rule.barycentric);
+    if (distance > kSevenPointDistance * radii) {
+      far_potential(inner, x, false, potential);
+    } else {
+      exact_potential(inner, x, false, potential);
+    }
+    result += (rule.weight * outer.area * density_functions(rule.barycentric)) * potential.value.transpose();
+  }
+  if (swapped) result.transposeInPlace();
+  return result;
+}
+
+}  // namespace barycast

@@ -1,0 +1,372 @@
+// Boundary elements: their integrals against quadrature, their solution against closed forms, walks and itself.
+
+#include "solve/boundary_elements.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Cholesky>
+#include <numeric>
+#include <random>
+
+#include "query/distance_index.h"
+#include "query/winding.h"
+#include "solve/panel_potential.h"
+#include "support/rows.h"
+
+namespace barycast {
+namespace {
+
+using testing::Shape;
+
+const CageStructures<3>& structures_of(const CageIndex& index) {
+  return *std::get<std::unique_ptr<const CageStructures<3>>>(index.structures());
+}
+
+std::unique_ptr<const Solution<3>> solve(const CageIndex& index, uint32_t panels, bool moments = true) {
+  auto solver = BoundarySolver::create(structures_of(index).cage, {.panels = panels, .moments = moments});
+  EXPECT_TRUE(solver.ok());
+  while ((*solver)->done() < (*solver)->total()) (*solver)->advance();
+  return (*solver)->take(*structures_of(index).distance, *structures_of(index).winding);
+}
+
+// One panel in general position.
+Panel some_panel() {
+  const Shape shape{.vertices = {0.1, 0, 0, 1, 0.2, 0.1, 0.3, 0.9, -0.2, 0, 0, 2}, .triangles = {0, 1, 2, 0, 1, 3}};
+  const auto index = testing::make_index(shape);
+  const auto panels = Panels::cut(structures_of(*index).cage, 2);
+  EXPECT_EQ(panels->panels.size(), 2u);
+  return panels->panels[0];
+}
+
+// By the rule of seven points on 4 ^ depth parts.
+Vec<3> integrate(const Panel& panel, const Vec<3>& x, const std::array<Vec<3>, 3>& corner, int depth) {
+  if (depth > 0) {
+    const std::array<Vec<3>, 3> middle = {0.5 * (corner[1] + corner[2]), 0.5 * (corner[2] + corner[0]),
+                                          0.5 * (corner[0] + corner[1])};
+    Vec<3> sum = integrate(panel, x, middle, depth - 1);
+    for (size_t k = 0; k < 3; ++k)
+      sum += integrate(panel, x, {corner[k], middle[(k + 2) % 3], middle[(k + 1) % 3]}, depth - 1);
+    return sum;
+  }
+  const double area = 0.5 * (corner[1] - corner[0]).cross(corner[2] - corner[0]).norm();
+  Vec<3> sum = Vec<3>::Zero();
+  for (const TrianglePoint& rule : kTriangleRule) {
+    Vec<3> y = Vec<3>::Zero();
+    for (size_t k = 0; k < 3; ++k) y += rule.barycentric[k] * corner[k];
+    for (Eigen::Index k = 0; k < 3; ++k)
+      sum[k] += rule.weight * area * (1 / 3.0 + panel.gradient[static_cast<size_t>(k)].dot(y - panel.centre)) /
+                (x - y).norm();
+  }
+  return sum;
+}
+
+// Around the panel, in its plane, and beyond its edges.
+std::vector<Vec<3>> places_around(const Panel& panel) {
+  std::vector<Vec<3>> places;
+  for (const double height : {1e-3, -0.1, 0.5, 0.0})
+    for (const double reach : {0.5, 1.3, 3.0})
+      for (size_t k = 0; k < 3; ++k)
+        if (height != 0.0 || reach > 1.0)
+          places.push_back(panel.centre + height * panel.normal + reach * (panel.corner[k] - panel.centre));
+  return places;
+}
+
+TEST(PanelPotential, IsTheIntegral) {
+  const Panel panel = some_panel();
+  for (const Vec<3>& x : places_around(panel)) {
+    PanelPotential exact;
+    exact_potential(panel, x, false, exact);
+    const double distance = std::abs(panel.normal.dot(x - panel.centre));
+    const double tolerance = distance > 0.05 || (x - panel.centre).norm() > 1.2 * panel.radius ? 1e-7 : 2e-4;
+    EXPECT_LT((exact.value - integrate(panel, x, panel.corner, 6)).norm(), tolerance) << x.transpose();
+  }
+}
+
+TEST(PanelPotential, GradientsAreThoseOfTheValues) {
+  const Panel panel = some_panel();
+  for (const Vec<3>& x : places_around(panel)) {
+    PanelPotential exact, low, high;
+    exact_potential(panel, x, true, exact);
+    for (Eigen::Index k = 0; k < 3; ++k) {
+      const Vec<3> step = 1e-5 * Vec<3>::Unit(k);
+      exact_potential(panel, x - step, false, low);
+      exact_potential(panel, x + step, false, high);
+      for (size_t i = 0; i < 3; ++i) {
+        const auto at = static_cast<Eigen::Index>(i);
+        EXPECT_NEAR(exact.gradient[i][k], (high.value[at] - low.value[at]) / 2e-5, 1e-5) << x.transpose();
+      }
+    }
+  }
+}
+
+TEST(PanelPotential, FarRuleHoldsFromFiveRadiiOn) {
+  const Panel panel = some_panel();
+  std::mt19937 generator(1);
+  std::normal_distribution<double> normal;
+  for (int i = 0; i < 200; ++i) {
+    const Vec<3> direction = Vec<3>(normal(generator), normal(generator), normal(generator)).normalized();
+    const Vec<3> x = panel.centre + 5 * panel.radius * direction;
+    PanelPotential exact, far;
+    exact_potential(panel, x, true, exact);
+    far_potential(panel, x, true, far);
+    EXPECT_LT((exact.value - far.value).norm(), 1e-6 * exact.value.norm());
+    for (size_t k = 0; k < 3; ++k)
+      EXPECT_LT((exact.gradient[k] - far.gradient[k]).norm(), 1e-5 * exact.gradient[k].norm());
+  }
+}
+
+TEST(PanelPotential, InteractionsDoNotDependOnTheOrder) {
+  const auto index = testing::make_index(testing::bent_prism());
+  const auto panels = Panels::cut(structures_of(*index).cage, 200);
+  for (size_t a = 0; a < panels->panels.size(); a += 7)
+    for (size_t b = 0; b < panels->panels.size(); ++b) {
+      const Mat<3> ab = panel_interaction(panels->panels[a], panels->panels[b]);
+      const Mat<3> ba = panel_interaction(panels->panels[b], panels->panels[a]);
+      // Integrated on the same side, but for panels of equal size.
+      EXPECT_LT((ab - ba.transpose()).norm(), 5e-3 * ab.norm()) << a << " " << b;
+    }
+}
+
+TEST(TiledCholesky, Solves) {
+  const Eigen::Index n = 250, padded = 288;
+  std::mt19937 generator(2);
+  std::normal_distribution<double> normal;
+  const Eigen::MatrixXd root = Eigen::MatrixXd::NullaryExpr(n, n, [&] { return normal(generator); });
+  Eigen::MatrixXd matrix = Eigen::MatrixXd::Identity(padded, padded);
+  matrix.topLeftCorner(n, n) = root * root.transpose() + Eigen::MatrixXd::Identity(n, n);
+  TiledCholesky cholesky(n);
+  const Eigen::Index tile = TiledCholesky::kTile;
+  ASSERT_EQ(cholesky.tile_count() * static_cast<size_t>(tile), static_cast<size_t>(padded));
+  for (size_t i = 0; i < cholesky.tile_count(); ++i)
+    for (size_t j = 0; j <= i; ++j)
+      cholesky.tile(i, j) = matrix.block(Eigen::Index(i) * tile, Eigen::Index(j) * tile, tile, tile);
+  TiledCholesky::Columns wanted = TiledCholesky::Columns::Random(padded, 16), columns = matrix * wanted;
+  for (size_t i = 0; i < cholesky.tile_count(); ++i) cholesky.factor_column();
+  EXPECT_EQ(cholesky.columns_raised(), 0u);
+  cholesky.solve(columns);
+  EXPECT_LT((columns - wanted).norm(), 1e-9 * wanted.norm());
+}
+
+// Largest and root-mean-square error over points of the cube [-1, 1]^3, where coordinates are trilinear.
+struct BoxError {
+  double worst = 0.0, rms = 0.0;
+};
+
+BoxError box_error(const Solution<3>& solution, const CageIndex& index, const std::vector<Vec<3>>& points) {
+  SolvedRows<3> rows;
+  std::vector<Vec<3>> normalized;
+  for (const Vec<3>& x : points) normalized.push_back(structures_of(index).cage.frame().to_normalized(x));
+  solution.evaluate(normalized, false, rows);
+  BoxError error;
+  for (size_t i = 0; i < points.size(); ++i)
+    for (int v = 0; v < 8; ++v) {
+      double expected = 1.0;
+      for (int k = 0; k < 3; ++k) expected *= 0.5 * (1 + ((v >> (2 - k) & 1) != 0 ? points[i][k] : -points[i][k]));
+      const double off = std::abs(rows.values(Eigen::Index(i), v) - expected);
+      error.worst = std::max(error.worst, off);
+      error.rms += off * off / static_cast<double>(points.size());
+    }
+  error.rms = std::sqrt(error.rms);
+  return error;
+}
+
+std::vector<Vec<3>> points_in_box(size_t count, double reach, uint32_t seed) {
+  const std::vector<double> values = testing::random_points(count, 3, -reach, reach, seed);
+  std::vector<Vec<3>> points;
+  for (size_t i = 0; i < count; ++i) points.emplace_back(values[3 * i], values[3 * i + 1], values[3 * i + 2]);
+  return points;
+}
+
+TEST(BoundaryElements, AreTrilinearInABox) {
+  const auto index = testing::make_index(testing::box());
+  const auto solution = solve(*index, 2000, false);
+  EXPECT_LT(box_error(*solution, *index, points_in_box(400, 1.0, 3)).worst, 1e-3);
+  std::vector<Vec<3>> near = points_in_box(200, 0.9, 4);
+  for (size_t i = 0; i < near.size(); ++i) near[i][static_cast<Eigen::Index>(i % 3)] = 1 - 1e-3;
+  EXPECT_LT(box_error(*solution, *index, near).worst, 1e-3);
+}
+
+// Order 3 in the panels' size, of densities that are linear and edges that are graded: at least 2.5 shows.
+TEST(BoundaryElements, ConvergeWithThePanels) {
+  const auto index = testing::make_index(testing::box());
+  const std::vector<Vec<3>> points = points_in_box(100, 0.7, 5);
+  const double coarse = box_error(*solve(*index, 96, false), *index, points).rms;
+  const double fine = box_error(*solve(*index, 864, false), *index, points).rms;
+  EXPECT_GT(std::log(coarse / fine) / std::log(3.0), 2.5) << coarse << " -> " << fine;
+}
+
+// Walks and boundary elements share nothing but the cage and the closest points.
+TEST(BoundaryElements, AgreeWithWalksOnEveryCage) {
+  struct Case {
+    const char* name;
+    Shape shape;
+  };
+  const std::vector<Case> cases = {{"bent prism", testing::bent_prism()},
+                                   {"mixed prism", testing::mixed_prism()},
+                                   {"open box", testing::open_box()},
+                                   {"soup", testing::soup()}};
+  for (const Case& c : cases) {
+    const auto index = testing::make_index(c.shape);
+    const QueryInput queries = testing::loose_points(testing::random_points(40, 3, -1.6, 1.6, 6));
+    const RowBlock solved = testing::bind_or_die(
+        index, queries, {.estimator = Estimator::kBoundaryElement, .panels = 700, .prune_below = 0.0});
+    const RowBlock walked =
+        testing::bind_or_die(index, queries, {.samples = 20000, .thickness = 1e-4, .prune_below = 0.0});
+    double sum = 0.0, worst = 0.0;
+    for (size_t i = 0; i < 40; ++i) {
+      const auto a = testing::dense_row(solved, i, index->control_vertex_count());
+      const auto b = testing::dense_row(walked, i, index->control_vertex_count());
+      double squared = 0.0;
+      for (size_t v = 0; v < a.size(); ++v) squared += (a[v] - b[v]) * (a[v] - b[v]);
+      sum += squared / 40;
+      worst = std::max(worst, std::sqrt(squared));
+    }
+    // Noise of 20,000 walks is 0.003 to 0.005 here, more where few of them hit.
+    EXPECT_LT(std::sqrt(sum), 0.01) << c.name;
+    EXPECT_LT(worst, 0.03) << c.name;
+  }
+}
+
+// From a face, an edge and a vertex, along some direction: the values' distance from the basis shrinks with the
+// query's.
+TEST(BoundaryElements, ApproachTheBasis) {
+  for (const Shape& shape : {testing::bent_prism(), testing::open_box()}) {
+    const auto index = testing::make_index(shape);
+    const CageStructures<3>& structures = structures_of(*index);
+    const auto solution = solve(*index, 300);
+    const Element& element = structures.cage.elements()[1];
+    for (const auto& shares : {std::array<double, 4>{0.1, 0.4, 0.4, 0.1}, {0.3, 0.7, 0, 0}, {1, 0, 0, 0}})
+      for (const Vec<3>& direction :
+           {Vec<3>(0.3, 0.5, 0.81).normalized().eval(), Vec<3>(-0.6, 0.3, -0.4).normalized().eval()}) {
+        Vec<3> y = Vec<3>::Zero();
+        std::vector<double> basis(index->control_vertex_count(), 0.0);
+        for (size_t k = 0; k < 4; ++k) {
+          y += shares[k] * structures.cage.corner(element, static_cast<int>(k));
+          basis[element.node[k]] += shares[k];
+        }
+        std::vector<Vec<3>> points;
+        for (int power = 2; power <= 12; ++power) points.push_back(y + std::pow(10.0, -power) * direction);
+        points.push_back(y);
+        SolvedRows<3> rows;
+        solution->evaluate(points, true, rows);
+        for (size_t i = 0; i < points.size(); ++i) {
+          double off = 0.0;
+          for (size_t v = 0; v < basis.size(); ++v)
+            off = std::max(off, std::abs(rows.values(Eigen::Index(i), Eigen::Index(v)) - basis[v]));
+          const double distance = (points[i] - y).norm();
+          // At edges harmonic functions may rise like the power 2/3 of the distance, at vertices faster.
+          EXPECT_LT(off, 30 * std::sqrt(distance) + 1e-7) << distance;
+          EXPECT_TRUE(rows.gradients[0].row(Eigen::Index(i)).allFinite());
+        }
+      }
+  }
+}
+
+TEST(BoundaryElements, GradientsAreThoseOfTheValues) {
+  for (const Shape& shape : {testing::bent_prism(), testing::open_box()}) {
+    const auto index = testing::make_index(shape);
+    const auto solution = solve(*index, 300);
+    std::vector<Vec<3>> points = points_in_box(20, 0.45, 7);
+    points.emplace_back(3, -2, 1);
+    SolvedRows<3> rows;
+    solution->evaluate(points, true, rows);
+    for (size_t i = 0; i < points.size(); ++i)
+      for (Eigen::Index k = 0; k < 3; ++k) {
+        const double h = 1e-6;
+        const Vec<3> step = h * Vec<3>::Unit(k);
+        SolvedRows<3> around;
+        solution->evaluate(std::array<Vec<3>, 2>{points[i] - step, points[i] + step}, false, around);
+        const auto difference = (around.values.row(1) - around.values.row(0)) / (2 * h);
+        const auto& gradient = rows.gradients[static_cast<size_t>(k)].row(Eigen::Index(i));
+        // Within a fifth of a panel of the cage the width of the correction's fading counts as constant.
+        const double near = structures_of(*index).distance->closest(points[i]).distance;
+        EXPECT_LT((difference - gradient).norm(),
+                  near < 0.05 ? 0.05 * (1 + gradient.norm()) : 1e-4 * (1 + gradient.norm()))
+            << points[i].transpose() << ", " << near << " from the cage";
+      }
+  }
+}
+
+TEST(BoundaryElements, KeepThePromises) {
+  for (const Shape& shape : {testing::bent_prism(), testing::mixed_prism(), testing::open_box(), testing::soup()}) {
+    const auto index = testing::make_index(shape);
+    std::vector<double> points = testing::random_points(60, 3, -2, 2, 8);
+    for (const double value : testing::random_points(10, 3, -1e4, 1e4, 9)) points.push_back(value);
+    points.insert(points.end(), shape.vertices.begin(), shape.vertices.end());
+    const Options options{.estimator = Estimator::kBoundaryElement, .panels = 200, .gradients = true};
+    BindingSummary summary;
+    const RowBlock block = testing::bind_or_die(index, testing::loose_points(points), options, &summary);
+    EXPECT_LE(testing::promise_error<3>(*index, points, block).worst(), 1.0);
+    EXPECT_EQ(summary.samples, 0u);
+    EXPECT_GT(summary.solving_s, 0.0);
+    EXPECT_GE(summary.rows_on_cage, shape.vertex_count());
+  }
+}
+
+// A row is a function of its point: alone, in any batch, over threads.
+TEST(BoundaryElements, RowsDoNotDependOnOtherPoints) {
+  const auto index = testing::make_index(testing::bent_prism());
+  const auto solution = solve(*index, 200);
+  const std::vector<Vec<3>> points = points_in_box(37, 0.6, 10);
+  for (const bool gradients : {false, true}) {
+    SolvedRows<3> all, one;
+    solution->evaluate(points, gradients, all);
+    for (size_t i = 0; i < points.size(); ++i) {
+      solution->evaluate(std::span(points).subspan(i, 1), gradients, one);
+      EXPECT_EQ(one.values.row(0), all.values.row(Eigen::Index(i)));
+      if (gradients) EXPECT_EQ(one.gradients[2].row(0), all.gradients[2].row(Eigen::Index(i)));
+    }
+  }
+}
+
+// Moments are solved for only where a point needs them; it must not show in the others.
+TEST(BoundaryElements, RowsInsideDoNotKnowOfPointsOutside) {
+  const auto index = testing::make_index(testing::box());
+  const Options options{.estimator = Estimator::kBoundaryElement, .panels = 200};
+  const RowBlock alone = testing::bind_or_die(index, testing::loose_points({0.1, 0.2, 0.3}), options);
+  const RowBlock together = testing::bind_or_die(index, testing::loose_points({0.1, 0.2, 0.3, 2, 2, 2}), options);
+  for (size_t v = 0; v < 8; ++v) EXPECT_EQ(alone.values[v], together.values[v]);
+}
+
+TEST(BoundaryElements, ElementsOnTopOfEachOtherAreEndured) {
+  Shape doubled = testing::box();
+  const std::vector<uint32_t> quads = doubled.quads;
+  doubled.quads.insert(doubled.quads.end(), quads.begin(), quads.end());
+  const auto index = testing::make_index(doubled), plain = testing::make_index(testing::box());
+  const QueryInput queries = testing::loose_points(testing::random_points(20, 3, -0.8, 0.8, 11));
+  const Options options{.estimator = Estimator::kBoundaryElement, .panels = 400};
+  const RowBlock two = testing::bind_or_die(index, queries, options),
+                 one = testing::bind_or_die(plain, queries, options);
+  for (size_t i = 0; i < 20; ++i) {
+    const auto a = testing::dense_row(two, i, 8), b = testing::dense_row(one, i, 8);
+    for (size_t v = 0; v < 8; ++v) EXPECT_NEAR(a[v], b[v], 5e-3);
+  }
+}
+
+TEST(BoundaryElements, RefuseWhatTheyCannotDo) {
+  const auto error_of = [](const Shape& shape, const Options& options) -> Error {
+    const auto resolved = resolve(options, false);
+    if (!resolved) return resolved.error();
+    const auto binding = Binding::create(testing::make_index(shape), testing::loose_points(std::vector<double>(6, 0.1)),
+                                         {.options = *resolved});
+    return binding.ok() ? Error{} : binding.error();
+  };
+  using enum Estimator;
+  EXPECT_EQ(error_of(testing::square(), {.estimator = kBoundaryElement}).field, "estimator");
+  EXPECT_EQ(error_of(testing::sphere(12, 1), {.estimator = kBoundaryElement, .panels = 100}).field, "panels");
+  EXPECT_EQ(error_of(testing::box(), {.coordinates = CoordinateKind::kMeanValue, .estimator = kBoundaryElement}).field,
+            "estimator");
+  EXPECT_EQ(error_of(testing::box(), {.coordinates = CoordinateKind::kMeanValue, .estimator = kExact}).field,
+            "estimator");
+  EXPECT_EQ(error_of(testing::box(), {.preset = Preset::kPaper, .estimator = kBoundaryElement}).field, "estimator");
+  EXPECT_EQ(error_of(testing::box(), {.estimator = kBoundaryElement, .samples = 50}).field, "samples");
+  EXPECT_EQ(error_of(testing::box(), {.estimator = kBoundaryElement, .panels = 5000}).field, "panels");
+  EXPECT_EQ(error_of(testing::box(), {.panels = 500}).field, "panels");
+  EXPECT_EQ(error_of(testing::box(), {.estimator = kBoundaryElement, .thickness = 1e-3}).field, "thickness");
+  EXPECT_EQ(error_of(testing::box(), {.estimator = kBoundaryElement, .walk_steps_max = 9}).field, "walk_steps_max");
+  EXPECT_EQ(error_of(testing::box(), {.estimator = kBoundaryElement, .smoothing_time = 0.1}).field, "denoise");
+  EXPECT_EQ(error_of(testing::box(), {.estimator = kBoundaryElement}).field, "");
+}
+
+}  // namespace
+}  // namespace barycast
