@@ -75,7 +75,7 @@ class CellGrid {
   void mark_boundary(const Cage<3>& cage) {
     std::vector<double> nearest;
     for (const Facet& facet : facets_of(cage, edge_)) {
-      const auto& [a, b, c] = facet.corner;
+      const Vec<3>&a = facet.corner[0], &b = facet.corner[1], &c = facet.corner[2];
       const Vec<3> low = in_cells(a.cwiseMin(b).cwiseMin(c)), high = in_cells(a.cwiseMax(b).cwiseMax(c));
       const auto mark = [&](const Cell& cell) {
         const Vec<3> centre = origin_ + edge_ * (cell.cast<double>() + Vec<3>::Constant(0.5));
