@@ -87,7 +87,7 @@ TEST(PositiveMeanValueReference, IsWhatTheLibrarySamples) {
     const auto points = testing::random_points(30, 3, -0.5, 2.2, 7);
     EXPECT_LT(testing::row_error(sampled(shape, points, CoordinateKind::kPositiveMeanValue, 10000),
                                  testing::positive_mean_value(cage_of<3>(shape), points, 20000)),
-              1e-3);  // measured 6e-4, most of it the reference's
+              1e-3);  // measured 7e-4, 5e-4
   }
   // In one arm of the L, where most of the other is hidden.
   const Shape shape = testing::bent_prism();
@@ -154,7 +154,7 @@ TEST(BoundaryElementsReference, AreWhatWalksConvergeTo) {
       const auto points = testing::random_points(10, 2, -reach, reach, 11);
       const Cage<2> cage = cage_of<2>(shape);
       const DenseRows reference = testing::BoundaryElements2d(cage, 64).evaluate(points);
-      // Measured 5e-5 to 3e-4; an eighth of that is left at 64 panels.
+      // Measured 4e-5 to 3e-4; third order, so that an eighth of it is left at 64 panels.
       EXPECT_LT(testing::row_error(testing::BoundaryElements2d(cage, 32).evaluate(points), reference), 1e-3) << reach;
       const DenseRows first = sampled(shape, points, CoordinateKind::kHarmonic, 4000, 1),
                       second = sampled(shape, points, CoordinateKind::kHarmonic, 4000, 2);

@@ -10,8 +10,8 @@
 // one another between their ends.
 //
 // Third order in the panels. Measured, E at 64 a segment: a square 3.4e-6 (closed form); a star of 10 segments, closed
-// or open, against 256 panels 6e-6 to 8e-6 inside and near, 4e-5 up to ten radii away. Cost: panels^3 / 3e9 s once,
-// panels x (3 control vertices + 3) x 2e-9 s per point.
+// or open, against 256 panels 6e-6 to 8e-6 inside and near, 4e-5 up to ten radii away. Cost: a dense solve of all
+// panels with 3 columns a control vertex; 640 panels and 33 columns take 0.06 s, a point 50 us.
 
 #include <Eigen/LU>
 #include <cmath>

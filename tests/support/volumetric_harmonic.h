@@ -46,7 +46,7 @@ class VolumetricHarmonic {
   }
 
   Eigen::Index unknowns() const { return grid_.interior_count(); }
-  // What stays for looking rows up; the solve takes about 300 bytes per unknown and thread more.
+  // What stays for looking rows up; the solve takes more while it runs.
   size_t bytes() const { return static_cast<size_t>(values_.size()) * sizeof(double) + grid_.bytes(); }
 
  private:
