@@ -27,14 +27,14 @@ struct Options {
   CoordinateKind coordinates = CoordinateKind::kHarmonic;
   Preset preset = Preset::kDefault;
   Estimator estimator = Estimator::kSampling;
-  std::optional<uint32_t> samples;
-  std::optional<uint32_t> panels;  // of the boundary elements, at most
+  std::optional<uint32_t> samples = {};
+  std::optional<uint32_t> panels = {};  // of the boundary elements, at most
   uint64_t seed = 0;
   Denoise denoise = Denoise::kAuto;
-  std::optional<double> thickness;  // in diagonals of the cage's bounding box
-  std::optional<uint32_t> walk_steps_max;
-  std::optional<double> prune_below;
-  std::optional<double> smoothing_time;  // in squared diagonals
+  std::optional<double> thickness = {};  // in diagonals of the cage's bounding box
+  std::optional<uint32_t> walk_steps_max = {};
+  std::optional<double> prune_below = {};
+  std::optional<double> smoothing_time = {};  // in squared diagonals
   bool gradients = false;
   uint32_t influences_max = 0;  // entries of a row; 0: no limit
 };
@@ -50,7 +50,7 @@ struct ResolvedOptions {
   double thickness;
   uint32_t walk_steps_max;
   double prune_below;
-  std::optional<double> smoothing_time;  // unset: Binding decides from the query mesh
+  std::optional<double> smoothing_time = {};  // unset: Binding decides from the query mesh
   bool gradients;
   uint32_t influences_max;
 };

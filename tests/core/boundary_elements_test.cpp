@@ -314,7 +314,9 @@ TEST(BoundaryElements, RowsDoNotDependOnOtherPoints) {
     for (size_t i = 0; i < points.size(); ++i) {
       solution->evaluate(std::span(points).subspan(i, 1), gradients, one);
       EXPECT_EQ(one.values.row(0), all.values.row(Eigen::Index(i)));
-      if (gradients) EXPECT_EQ(one.gradients[2].row(0), all.gradients[2].row(Eigen::Index(i)));
+      if (gradients) {
+        EXPECT_EQ(one.gradients[2].row(0), all.gradients[2].row(Eigen::Index(i)));
+      }
     }
   }
 }
