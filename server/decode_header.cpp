@@ -3,6 +3,7 @@
 #include <limits>
 
 #include "decode.h"
+#include "refusal.h"
 
 namespace barycast::server {
 namespace {

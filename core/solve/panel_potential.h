@@ -17,7 +17,7 @@ struct PanelPotential {
 // The gradient is left alone unless asked for.
 void exact_potential(const Panel& panel, const Vec<3>& x, bool with_gradient, PanelPotential& out);
 
-// The same by the rule of seven points: relative error below 1e-6 (gradient 1e-5) from five radii of the panel on.
+// The same by the rule of seven points: relative error below 3e-6 (gradient 3e-5) from five radii of the panel on.
 void far_potential(const Panel& panel, const Vec<3>& x, bool with_gradient, PanelPotential& out);
 
 // int int l_j(x) l_k(y) / |x - y| over two panels, or over one with itself.

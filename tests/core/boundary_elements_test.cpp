@@ -78,7 +78,7 @@ TEST(PanelPotential, IsTheIntegral) {
     exact_potential(panel, x, false, exact);
     const double distance = std::abs(panel.normal.dot(x - panel.centre));
     const double tolerance = distance > 0.05 || (x - panel.centre).norm() > 1.2 * panel.radius ? 1e-7 : 2e-4;
-    EXPECT_LT((exact.value - integrate(panel, x, panel.corner, 6)).norm(), tolerance) << x.transpose();
+    EXPECT_LT((exact.value - integrate(panel, x, panel.corner, 8)).norm(), tolerance) << x.transpose();
   }
 }
 
@@ -109,9 +109,9 @@ TEST(PanelPotential, FarRuleHoldsFromFiveRadiiOn) {
     PanelPotential exact, far;
     exact_potential(panel, x, true, exact);
     far_potential(panel, x, true, far);
-    EXPECT_LT((exact.value - far.value).norm(), 1e-6 * exact.value.norm());
+    EXPECT_LT((exact.value - far.value).norm(), 3e-6 * exact.value.norm());
     for (size_t k = 0; k < 3; ++k)
-      EXPECT_LT((exact.gradient[k] - far.gradient[k]).norm(), 1e-5 * exact.gradient[k].norm());
+      EXPECT_LT((exact.gradient[k] - far.gradient[k]).norm(), 3e-5 * exact.gradient[k].norm());
   }
 }
 
@@ -186,44 +186,43 @@ TEST(BoundaryElements, AreTrilinearInABox) {
   EXPECT_LT(box_error(*solution, *index, near).worst, 1e-3);
 }
 
-// Order 3 in the panels' size, of densities that are linear and edges that are graded: at least 2.5 shows.
+// Linear densities have order 3 where they are smooth. At the box's edges they grow outside like the power -1/3 of the
+// distance; panels graded with power 2 bring the order there to 2 x 2 x 2/3, and somewhat less at its corners.
 TEST(BoundaryElements, ConvergeWithThePanels) {
   const auto index = testing::make_index(testing::box());
   const std::vector<Vec<3>> points = points_in_box(100, 0.7, 5);
   const double coarse = box_error(*solve(*index, 96, false), *index, points).rms;
   const double fine = box_error(*solve(*index, 864, false), *index, points).rms;
-  EXPECT_GT(std::log(coarse / fine) / std::log(3.0), 2.5) << coarse << " -> " << fine;
+  EXPECT_GT(std::log(coarse / fine) / std::log(3.0), 2.2) << coarse << " -> " << fine;
 }
 
-// Walks and boundary elements share nothing but the cage and the closest points.
-TEST(BoundaryElements, AgreeWithWalksOnEveryCage) {
-  struct Case {
-    const char* name;
-    Shape shape;
-  };
-  const std::vector<Case> cases = {{"bent prism", testing::bent_prism()},
-                                   {"mixed prism", testing::mixed_prism()},
-                                   {"open box", testing::open_box()},
-                                   {"soup", testing::soup()}};
-  for (const Case& c : cases) {
-    const auto index = testing::make_index(c.shape);
-    const QueryInput queries = testing::loose_points(testing::random_points(40, 3, -1.6, 1.6, 6));
+// Walks and boundary elements share nothing but the cage and the closest points. Inside, outside, closed and open: they
+// differ by no more than the walks differ among themselves.
+TEST(BoundaryElements, AreWhatWalksConvergeTo) {
+  constexpr size_t kPoints = 16, kSeeds = 6;
+  for (const Shape& shape : {testing::bent_prism(), testing::mixed_prism(), testing::open_box(), testing::soup()}) {
+    const auto index = testing::make_index(shape);
+    const QueryInput queries = testing::loose_points(testing::random_points(kPoints, 3, -1.6, 1.6, 6));
     const RowBlock solved = testing::bind_or_die(
         index, queries, {.estimator = Estimator::kBoundaryElement, .panels = 700, .prune_below = 0.0});
-    const RowBlock walked =
-        testing::bind_or_die(index, queries, {.samples = 20000, .thickness = 1e-4, .prune_below = 0.0});
-    double sum = 0.0, worst = 0.0;
-    for (size_t i = 0; i < 40; ++i) {
-      const auto a = testing::dense_row(solved, i, index->control_vertex_count());
-      const auto b = testing::dense_row(walked, i, index->control_vertex_count());
-      double squared = 0.0;
-      for (size_t v = 0; v < a.size(); ++v) squared += (a[v] - b[v]) * (a[v] - b[v]);
-      sum += squared / 40;
-      worst = std::max(worst, std::sqrt(squared));
+    std::vector<RowBlock> walked;
+    for (uint64_t seed = 0; seed < kSeeds; ++seed)
+      walked.push_back(
+          testing::bind_or_die(index, queries, {.samples = 1500, .seed = seed, .thickness = 1e-4, .prune_below = 0.0}));
+    double difference = 0.0, noise = 0.0;  // of the mean over seeds, squared, over all points
+    for (size_t i = 0; i < kPoints; ++i) {
+      const auto row = [&](const RowBlock& block) {
+        const std::vector<double> dense = testing::dense_row(block, i, index->control_vertex_count());
+        return Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(dense.data(), Eigen::Index(dense.size())));
+      };
+      Eigen::VectorXd mean = Eigen::VectorXd::Zero(index->control_vertex_count());
+      for (const RowBlock& block : walked) mean += row(block) / kSeeds;
+      for (const RowBlock& block : walked) noise += (row(block) - mean).squaredNorm() / (kSeeds * (kSeeds - 1));
+      difference += (row(solved) - mean).squaredNorm();
     }
-    // Noise of 20,000 walks is 0.003 to 0.005 here, more where few of them hit.
-    EXPECT_LT(std::sqrt(sum), 0.01) << c.name;
-    EXPECT_LT(worst, 0.03) << c.name;
+    // 0.002: the error of the panels and the bias of the pseudo-samples.
+    EXPECT_LT(difference, 1.6 * noise + kPoints * 0.002 * 0.002);
+    EXPECT_LT(noise / kPoints, 0.02 * 0.02);
   }
 }
 

@@ -13,31 +13,36 @@
 namespace barycast {
 namespace {
 
-TEST(Models, PointsOutsideTheCageAreBoundAndSaySo) {
+// Null where the data are absent.
+const char* data_folder() {
   const char* folder = std::getenv("BARYCAST_DATA");
-  if (folder == nullptr || !std::filesystem::exists(std::string(folder) + "/qmvc/Beast.obj"))
-    GTEST_SKIP() << "set BARYCAST_DATA to the folder of cages and models";
-  const auto read = [&](const std::string& name) {
-    testing::Shape shape;
-    shape.polygon_offsets = {0};
-    std::ifstream file(std::string(folder) + "/qmvc/" + name);
-    for (std::string line; std::getline(file, line);) {
-      std::istringstream words(line);
-      std::string word;
-      words >> word;
-      if (word == "v") {
-        double x[3];
-        words >> x[0] >> x[1] >> x[2];
-        shape.vertices.insert(shape.vertices.end(), x, x + 3);
-      } else if (word == "f") {
-        while (words >> word) shape.polygon_corners.push_back(static_cast<uint32_t>(std::stoi(word)) - 1);
-        shape.polygon_offsets.push_back(static_cast<uint32_t>(shape.polygon_corners.size()));
-      }
+  return folder != nullptr && std::filesystem::exists(std::string(folder) + "/qmvc/Beast.obj") ? folder : nullptr;
+}
+
+testing::Shape read_obj(const std::string& name) {
+  testing::Shape shape;
+  shape.polygon_offsets = {0};
+  std::ifstream file(std::string(data_folder()) + "/qmvc/" + name);
+  for (std::string line; std::getline(file, line);) {
+    std::istringstream words(line);
+    std::string word;
+    words >> word;
+    if (word == "v") {
+      double x[3];
+      words >> x[0] >> x[1] >> x[2];
+      shape.vertices.insert(shape.vertices.end(), x, x + 3);
+    } else if (word == "f") {
+      while (words >> word) shape.polygon_corners.push_back(static_cast<uint32_t>(std::stoi(word)) - 1);
+      shape.polygon_offsets.push_back(static_cast<uint32_t>(shape.polygon_corners.size()));
     }
-    return shape;
-  };
-  const auto index = testing::make_index(read("Beast_Cage.obj"));
-  const testing::Shape model = read("Beast.obj");
+  }
+  return shape;
+}
+
+TEST(Models, PointsOutsideTheCageAreBoundAndSaySo) {
+  if (data_folder() == nullptr) GTEST_SKIP() << "set BARYCAST_DATA to the folder of cages and models";
+  const auto index = testing::make_index(read_obj("Beast_Cage.obj"));
+  const testing::Shape model = read_obj("Beast.obj");
   Options options;
   options.samples = 20;
   options.gradients = true;
