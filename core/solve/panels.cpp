@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <queue>
 #include <string>
 
 #include "query/element_distance.h"
@@ -17,11 +18,18 @@ double graded(double t) {
 
 // How an element is cut: a triangle into rows[0] ^ 2 panels, a quad into rows[0] x rows[1] cells of four.
 struct Cuts {
-  std::array<int, 2> rows;
   bool is_quad;
-  uint64_t panels() const {
-    const auto a = static_cast<uint64_t>(rows[0]), b = static_cast<uint64_t>(rows[1]);
-    return is_quad ? 4 * a * b : a * a;
+  double area;
+  std::array<double, 2> side;  // of a quad
+  std::array<int, 2> rows = {1, 1};
+
+  uint32_t panels() const { return static_cast<uint32_t>(is_quad ? 4 * rows[0] * rows[1] : rows[0] * rows[0]); }
+  double panel_area() const { return area / panels(); }
+  // The next finer cut: cells stay as square as they can.
+  Cuts finer() const {
+    Cuts result = *this;
+    ++result.rows[is_quad && side[1] / rows[1] > side[0] / rows[0] ? 1 : 0];
+    return result;
   }
 };
 
@@ -35,22 +43,40 @@ double triangle_area(const Vec<3>& a, const Vec<3>& b, const Vec<3>& c) {
   return 0.5 * (b - a).cross(c - a).norm();
 }
 
-Cuts cuts_for(const Cage<3>& cage, const Element& element, double panel_area) {
-  const auto side = [&](int i, int j) { return (cage.corner(element, i) - cage.corner(element, j)).norm(); };
-  const auto rows = [](double parts) { return std::max(1, static_cast<int>(std::min(parts, 1e4) + 0.5)); };
-  if (element.kind == ElementKind::kTriangle) {
-    const double area = triangle_area(cage.corner(element, 0), cage.corner(element, 1), cage.corner(element, 2));
-    const int n = rows(std::sqrt(area / panel_area));
-    return {{n, n}, false};
-  }
-  const double length = 2 * std::sqrt(panel_area);
-  return {{rows(0.5 * (side(0, 1) + side(3, 2)) / length), rows(0.5 * (side(0, 3) + side(1, 2)) / length)}, true};
+Cuts coarsest(const Cage<3>& cage, const Element& element) {
+  const auto corner = [&](int i) -> const Vec<3>& { return cage.corner(element, i); };
+  const auto side = [&](int i, int j) { return (corner(i) - corner(j)).norm(); };
+  const double half = triangle_area(corner(0), corner(1), corner(2));
+  if (element.kind == ElementKind::kTriangle) return {.is_quad = false, .area = half, .side = {}};
+  return {.is_quad = true,
+          .area = half + triangle_area(corner(0), corner(2), corner(3)),
+          .side = {0.5 * (side(0, 1) + side(3, 2)), 0.5 * (side(0, 3) + side(1, 2))}};
 }
 
-uint64_t count_panels(const Cage<3>& cage, double panel_area) {
-  uint64_t count = 0;
-  for (const Element& element : cage.elements()) count += cuts_for(cage, element, panel_area).panels();
-  return count;
+// Cuts the element with the largest panels finer and finer, until the next step would exceed `count`.
+std::vector<Cuts> choose_cuts(const Cage<3>& cage, uint32_t count) {
+  std::vector<Cuts> cuts;
+  uint32_t used = 0;
+  for (const Element& element : cage.elements()) {
+    cuts.push_back(coarsest(cage, element));
+    used += cuts.back().panels();
+  }
+  // Among equals the first element.
+  const auto later = [&](size_t a, size_t b) {
+    const double first = cuts[a].panel_area(), second = cuts[b].panel_area();
+    return first < second || (first == second && a > b);
+  };
+  std::priority_queue<size_t, std::vector<size_t>, decltype(later)> queue(later);
+  for (size_t e = 0; e < cuts.size(); ++e) queue.push(e);
+  while (true) {
+    const size_t largest = queue.top();
+    const Cuts finer = cuts[largest].finer();
+    used += finer.panels() - cuts[largest].panels();
+    if (used > count) return cuts;
+    queue.pop();
+    cuts[largest] = finer;
+    queue.push(largest);
+  }
 }
 
 Panel make_panel(const Cage<3>& cage, uint32_t element, const std::array<Vec<2>, 3>& parameter) {
@@ -113,7 +139,8 @@ const std::array<TrianglePoint, 7> kTriangleRule = [] {
 }();
 
 Status Panels::check(const Cage<3>& cage, uint32_t count) {
-  const uint64_t least = count_panels(cage, 1e300);
+  uint64_t least = 0;
+  for (const Element& element : cage.elements()) least += coarsest(cage, element).panels();
   if (least <= count) return Done{};
   return invalid_argument("panels", "this cage needs at least " + std::to_string(least) +
                                         " boundary elements, more than " + std::to_string(count));
@@ -121,27 +148,17 @@ Status Panels::check(const Cage<3>& cage, uint32_t count) {
 
 Result<Panels> Panels::cut(const Cage<3>& cage, uint32_t count) {
   if (Status fits = check(cage, count); !fits) return fits.error();
-  // The largest number that fits, by bisection of the panels' area.
-  double low = 1e-12, high = 1e3;
-  for (int i = 0; i < 100; ++i) {
-    const double middle = std::sqrt(low * high);
-    (count_panels(cage, middle) > count ? low : high) = middle;
-  }
+  const std::vector<Cuts> cuts = choose_cuts(cage, count);
   Panels result;
   std::vector<double> weights(cage.node_count(), 0.0);
   result.node_size.assign(cage.node_count(), 0.0);
   for (uint32_t e = 0; e < cage.elements().size(); ++e) {
     const Element& element = cage.elements()[e];
-    const Cuts cuts = cuts_for(cage, element, high);
-    const size_t first = result.panels.size();
-    if (cuts.is_quad) cut_quad(cage, e, cuts.rows, result.panels);
-    if (!cuts.is_quad) cut_triangle(cage, e, cuts.rows[0], result.panels);
-    double area = 0.0;
-    for (size_t p = first; p < result.panels.size(); ++p) area += result.panels[p].area;
-    const double size = std::sqrt(2 * area / static_cast<double>(result.panels.size() - first));
-    for (int i = 0; i < element.corner_count(); ++i) {
-      result.node_size[element.node[static_cast<size_t>(i)]] += size;
-      weights[element.node[static_cast<size_t>(i)]] += 1.0;
+    if (cuts[e].is_quad) cut_quad(cage, e, cuts[e].rows, result.panels);
+    if (!cuts[e].is_quad) cut_triangle(cage, e, cuts[e].rows[0], result.panels);
+    for (size_t i = 0; i < static_cast<size_t>(element.corner_count()); ++i) {
+      result.node_size[element.node[i]] += std::sqrt(2 * cuts[e].panel_area());
+      weights[element.node[i]] += 1.0;
     }
   }
   for (size_t node = 0; node < weights.size(); ++node)

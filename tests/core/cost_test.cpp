@@ -112,6 +112,15 @@ Options limited(uint32_t influences_max) {
   return options;
 }
 
+Options solved(Estimator estimator, uint32_t panels) {
+  Options options;
+  options.estimator = estimator;
+  if (panels > 0) options.panels = panels;
+  if (estimator == Estimator::kExact) options.coordinates = CoordinateKind::kMeanValue;
+  options.gradients = true;
+  return options;
+}
+
 struct Case {
   const char* name;
   Shape cage;
@@ -142,6 +151,9 @@ std::vector<Case> cases() {
       {"3k ball, 62, mean value", vertices(6), ball(40), rays(CoordinateKind::kMeanValue, 20)},
       {"3k ball, 114, positive", vertices(8), ball(40), rays(CoordinateKind::kPositiveMeanValue, 50)},
       {"10k quads, 26, mean value", vertices(4), sheet(100, false), rays(CoordinateKind::kMeanValue, 500)},
+      {"1k loose, 62, 300 panels", vertices(6), loose(1000), solved(Estimator::kBoundaryElement, 300)},
+      {"10k loose, box, 1000 panels", testing::box(), loose(10'000), solved(Estimator::kBoundaryElement, 1000)},
+      {"10k loose, 62, exact", testing::triangulated(vertices(6)), loose(10'000), solved(Estimator::kExact, 0)},
       {"40k triangles, box", testing::box(), sheet(200, true), choices(20, true, 0)},
   };
 }

@@ -235,12 +235,16 @@ def assert_interrupted(environment, tmp_path, arguments, number, code, wait):
     deadline = time.monotonic() + 30
     while not list(private.glob("*/port")) and time.monotonic() < deadline:
         time.sleep(0.01)
-    wait(process)
-    children = subprocess.run(["ps", "-o", "pid=", "--ppid", str(process.pid)], capture_output=True, text=True).stdout
-    assert process.poll() is None and children.strip()
-    process.send_signal(number)
-    _, errors = process.communicate(timeout=20)
-    assert process.returncode == code, errors
+    try:
+        wait(process)
+        children = subprocess.run(["ps", "-o", "pid=", "--ppid", str(process.pid)], capture_output=True,
+                                  text=True).stdout
+        assert process.poll() is None and children.strip()
+        process.send_signal(number)
+        _, errors = process.communicate(timeout=20)
+        assert process.returncode == code, errors
+    finally:
+        process.kill()  # its daemon ends with it
     assert "Traceback" not in errors
     assert not out.exists() and not list(private.iterdir())
     for child in map(int, children.split()):

@@ -48,7 +48,7 @@ TEST(Log, TextIsOneLine) {
 
 TEST(Log, StagesAreInMilliseconds) {
   RequestRecord done = record("");
-  done.facts.stages = {0.001, 0.25, 0, 0, 1.5};
+  done.facts.stages = {0.001, 0, 0.25, 0, 0, 1.5};
   const auto json = nlohmann::json::parse(request_json(done, "", ""));
   EXPECT_EQ(json["stages_ms"]["cage"], 1.0);
   EXPECT_EQ(json["stages_ms"]["sampling"], 250.0);
