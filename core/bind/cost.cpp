@@ -146,17 +146,19 @@ class Model {
   }
   static constexpr double kFinishedRow = 80.0;
 
-  BoundarySettings boundary() const { return {.panels = options_.panels, .moments = true}; }
-  // Of boundary elements: while they are solved, and what remains; rows of a task are dense.
-  double solving() const {
-    return options_.panels == 0 ? 0.0 : static_cast<double>(BoundarySolver::bytes(boundary(), size_.control_vertices));
-  }
+  // Of boundary elements: while they are solved, and what remains with the rows of a task. Whether there are moments
+  // depends on the cage and the points: they may be, and are expected in one request of three.
+  double solving() const { return boundary_bytes(BoundarySolver::bytes); }
   double solved() const {
-    const double kernels = 3.0 * options_.panels * 16.0, rows = 64.0 * (D + 1) * vertices();
-    return (options_.panels == 0
-                ? 0.0
-                : static_cast<double>(BoundarySolver::solved_bytes(boundary(), size_.control_vertices))) +
+    const double kernels = 48.0 * options_.panels, rows = 16.0 * (D + 1) * vertices();
+    return boundary_bytes(BoundarySolver::solved_bytes) +
            static_cast<double>(size_.threads) * sizeof(double) * (kernels + rows);
+  }
+  double boundary_bytes(size_t (*bytes)(const BoundarySettings&, size_t)) const {
+    if (options_.panels == 0) return 0.0;
+    const auto with = static_cast<double>(bytes({options_.panels, true}, size_.control_vertices));
+    const auto without = static_cast<double>(bytes({options_.panels, false}, size_.control_vertices));
+    return data_.exact ? with : without + (with - without) / 3;
   }
 
   double factorization() const {

@@ -152,6 +152,7 @@ std::vector<Case> cases() {
       {"3k ball, 114, positive", vertices(8), ball(40), rays(CoordinateKind::kPositiveMeanValue, 50)},
       {"10k quads, 26, mean value", vertices(4), sheet(100, false), rays(CoordinateKind::kMeanValue, 500)},
       {"1k loose, 62, 300 panels", vertices(6), loose(1000), solved(Estimator::kBoundaryElement, 300)},
+      {"1k loose, open, 500 panels", testing::open_box(), loose(1000), solved(Estimator::kBoundaryElement, 500)},
       {"10k loose, box, 1000 panels", testing::box(), loose(10'000), solved(Estimator::kBoundaryElement, 1000)},
       {"10k loose, 62, exact", testing::triangulated(vertices(6)), loose(10'000), solved(Estimator::kExact, 0)},
       {"40k triangles, box", testing::box(), sheet(200, true), choices(20, true, 0)},
