@@ -81,6 +81,7 @@ class SolvedBinding final : public Binding {
       }
       row.error = finisher_.finish(points[i], row.entries);
       if (solved.on_cage[i] != 0) row.flags |= kRowOnCage;
+      if (solved.rank_deficient[i] != 0) row.flags |= kRowRankDeficient;
       if (!structures_.winding->inside(points[i])) row.flags |= kRowOutside;
     }
   }

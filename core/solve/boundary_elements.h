@@ -37,8 +37,9 @@ class BoundarySolver {
   static Result<std::unique_ptr<BoundarySolver>> create(const Cage<3>& cage, const BoundarySettings& settings);
 
   size_t panel_count() const { return panels_.panels.size(); }
-  size_t done() const { return assembled_ + factored_ + solved_; }
-  size_t total() const { return 2 * rows() + groups(); }
+  // In no unit in particular.
+  size_t done() const { return assembled_ + matrix_.columns_done() + 2 * rows() * solved_ + rows_solved_; }
+  size_t total() const { return 2 * rows() + 2 * rows() * groups(); }
 
   // The next piece.
   void advance();
@@ -57,6 +58,7 @@ class BoundarySolver {
   size_t rows() const { return matrix_.tile_count(); }
   size_t groups() const;
   void assemble(size_t row);
+  void set_boundary_values();
   void solve_groups();
 
   const Cage<3>& cage_;
@@ -64,7 +66,8 @@ class BoundarySolver {
   BoundaryData data_;
   TiledCholesky matrix_;
   std::vector<TiledCholesky::Columns> densities_;  // a group of columns each
-  size_t assembled_ = 0, factored_ = 0, solved_ = 0;
+  size_t assembled_ = 0;                           // rows of tiles
+  size_t solved_ = 0, rows_solved_ = 0;            // groups, and rows of tiles of those under way, there and back
 };
 
 }  // namespace barycast

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/tolerances.h"
 #include "query/element_distance.h"
 #include "solve/closed.h"
 #include "solve/moment_field.h"
@@ -17,11 +18,6 @@ constexpr double kThreePointRadii = 12.0;
 // The potential's error on the cage alternates from panel to panel and fades off it within a part of their size. A
 // fifth is best: on a box and on FireHydrant less leaves more of it, twice as much brings it to points without.
 constexpr double kBlendPanels = 0.2;
-// Nearer to the cage than this a query lies on it, but for rounding.
-constexpr double kOnCage = 1e-13;
-// From a query on the cage, gradients are those this far inside.
-constexpr double kInside = 1e-8;
-
 // 1 on the cage, 0 from `width` on, with the derivative.
 struct Fade {
   double weight = 0.0, rate = 0.0;
@@ -142,9 +138,10 @@ BoundaryField::Query BoundaryField::prepare(const Vec<3>& x) const {
   for (size_t i = 0; i < static_cast<size_t>(element.corner_count()); ++i)
     width += kBlendPanels * query.y.shares[i] * panels_.node_size[element.node[i]];
   query.blend_width = query.y.distance < width ? width : 0.0;
-  query.on_cage = query.y.distance < kOnCage;
+  query.on_cage = query.y.distance < kExactOnCage;
   if (query.on_cage)
-    query.x = query.y.point - (kInside * cage_.orientation()) * element_normal(cage_, element, query.y.shares);
+    query.x =
+        query.y.point - (kExactGradientShift * cage_.orientation()) * element_normal(cage_, element, query.y.shares);
   query.project = !is_closed_ || !winding_.inside(query.x);
   return query;
 }
@@ -179,7 +176,8 @@ void BoundaryField::evaluate_with_gradient(const Query& query, Eigen::Index row,
   if (query.project) {
     BoundaryData::Row projected(n);
     std::array<BoundaryData::Row, 3> gradients;
-    project_moments(query.x, values, slopes, n, projected, gradients);
+    if (!project_moments(query.x, values, slopes, n, projected, gradients))
+      out.rank_deficient[static_cast<size_t>(row)] = 1;
     values = projected;
     slopes = gradients;
   }
@@ -215,7 +213,8 @@ void BoundaryField::evaluate_values(std::span<const Query> queries, Eigen::Index
     if (query.project) {
       BoundaryData::Row projected(n);
       std::array<BoundaryData::Row, 3> no_gradients;
-      project_moments(query.x, values, {}, n, projected, no_gradients);
+      if (!project_moments(query.x, values, {}, n, projected, no_gradients))
+        out.rank_deficient[static_cast<size_t>(first_row) + i] = 1;
       row = projected;
     } else {
       row = values.head(n);

@@ -30,8 +30,8 @@ struct Panels {
   std::vector<Panel> panels;      // those of an element are consecutive
   std::vector<double> node_size;  // typical side of the panels about a node of the cage, in diagonals
 
-  // As many as `count` allows, of about equal size but graded towards the edges of the elements. Errors: kInvalidArgument (the cage
-  // has so many elements that they need more).
+  // As many as `count` allows, of about equal size but graded towards the edges of the elements. Errors:
+  // kInvalidArgument (the cage has so many elements that they need more).
   static Result<Panels> cut(const Cage<3>& cage, uint32_t count);
   // Whether `cut` would succeed. Errors: the same.
   static Status check(const Cage<3>& cage, uint32_t count);

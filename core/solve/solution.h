@@ -18,15 +18,17 @@ namespace barycast {
 template <int D>
 struct SolvedRows {
   using Table = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-  Table values;                    // points x control vertices
-  std::array<Table, D> gradients;  // the same of every partial derivative, per diagonal; empty unless asked for
-  std::vector<uint8_t> on_cage;    // points that lie on the cage but for rounding: their values are the basis
+  Table values;                         // points x control vertices
+  std::array<Table, D> gradients;       // the same of every partial derivative, per diagonal; empty unless asked for
+  std::vector<uint8_t> on_cage;         // points that lie on the cage but for rounding: their values are the basis
+  std::vector<uint8_t> rank_deficient;  // moments that do not span space: what is missing was left out
 
   void resize(size_t points, size_t control_vertices, bool with_gradients) {
     const auto rows = static_cast<Eigen::Index>(points), columns = static_cast<Eigen::Index>(control_vertices);
     values.setZero(rows, columns);
     for (Table& partial : gradients) partial.setZero(with_gradients ? rows : 0, with_gradients ? columns : 0);
     on_cage.assign(points, 0);
+    rank_deficient.assign(points, 0);
   }
 };
 

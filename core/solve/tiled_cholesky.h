@@ -23,17 +23,22 @@ class TiledCholesky {
   // Tile (i, j), j <= i: to be filled before the first step. The diagonal ones need their lower half only.
   Tile tile(size_t i, size_t j) { return Tile(elements_.data() + offset(i, j), kTile, kTile); }
 
-  // Factorizes the next column of tiles. Where the matrix is not positive definite its diagonal is raised.
-  void factor_column();
-  size_t columns_done() const { return columns_done_; }
+  // The next piece of the factorization: a part of a column of tiles, about ten milliseconds on the calling arena.
+  // Where the matrix is not positive definite its diagonal is raised.
+  void factor();
+  bool is_factored() const { return column_ == tiles_per_row_; }
+  size_t columns_done() const { return column_; }
   size_t columns_raised() const { return columns_raised_; }
 
-  // Solves in place for columns of right-hand sides, padded to whole tiles of rows. Columns do not affect each other.
-  void solve(Eigen::Ref<Columns, 0, Eigen::OuterStride<>> columns) const;
+  // Solving in place for columns of right-hand sides, padded to whole tiles of rows: forward for every row of tiles
+  // upwards, then backward for every row downwards. Columns do not affect each other.
+  void forward(size_t row, Columns& columns) const;
+  void backward(size_t row, Columns& columns) const;
 
   static size_t bytes(size_t n);
 
  private:
+  void finish_column();
   static size_t offset(size_t i, size_t j) { return (i * (i + 1) / 2 + j) * kTile * kTile; }
   Eigen::Map<const Columns> tile(size_t i, size_t j) const {
     return Eigen::Map<const Columns>(elements_.data() + offset(i, j), kTile, kTile);
@@ -41,7 +46,8 @@ class TiledCholesky {
 
   size_t tiles_per_row_;
   std::vector<double> elements_;
-  size_t columns_done_ = 0, columns_raised_ = 0;
+  size_t column_ = 0, rows_updated_ = 0;  // of the factorization
+  size_t columns_raised_ = 0;
 };
 
 }  // namespace barycast

@@ -42,7 +42,7 @@ def test_json_log_is_one_object_per_line(real_daemon, tmp_path):
         (5, 4, 250, 5, 20)
     assert (first["cache_hit"], second["cache_hit"], second["samples"]) == (False, True, 28)
     assert len(first["cage"]) == 64 and first["peer"].startswith("ipv4:")
-    assert set(first["stages_ms"]) == {"cage", "sampling", "smoothing_factor", "smoothing_solve", "rows"}
+    assert set(first["stages_ms"]) == {"cage", "solving", "sampling", "smoothing_factor", "smoothing_solve", "rows"}
     assert 0 < sum(first["stages_ms"].values()) <= first["ms"] * 2
     assert "x-cage-digest" in spoilt["message"] and not spoilt["stages_ms"]
 
