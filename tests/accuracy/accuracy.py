@@ -1,0 +1,211 @@
+#!/usr/bin/env python3
+"""Error of coordinates against references, through the service: accuracy.py CAGE MODEL [options]
+
+Binds four sets of points (query_sets.py: inside, near, on, outside) with every kind, preset, number of samples and
+smoothing asked for, and prints E against the reference of that kind (references.py), split into bias and noise
+(errors.py; `<` where only a bound on the bias is known). Rows are float64 with gradients, pruned as the preset has it. Seconds are the median request's; the cage has
+been uploaded and indexed before. Without denoising only the evaluation points are bound, unless --whole.
+
+    accuracy.py cage.obj model.obj --coordinates harmonic --samples 20 50 200 --denoise none --seeds 5 --json out.json
+"""
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+
+import checkout  # before barycast: where it is
+import numpy as np
+
+from barycast import BarycastError, Client, InputError, load_cage, load_model
+from errors import figures, linear_precision_error
+from query_sets import NAMES, make_query_set
+from references import NoReference, References, dense_gradients, row_error
+from surface import Surface
+
+KINDS = ("harmonic", "mean-value", "positive-mean-value")
+# What each preset of this program asks of the service, and for which kinds.
+PRESETS = {"paper": ({"preset": "paper"}, KINDS), "default": ({"preset": "default"}, KINDS),
+           "paper-300": ({"preset": "paper", "walk_steps_max": 300}, ("harmonic",))}
+ESTIMATORS = {"boundary-element": ({"estimator": "boundary-element"}, ("harmonic",)),
+              "exact": ({"estimator": "exact"}, ("mean-value",))}
+TIMEOUT_SECONDS = 1800
+COUNTED_FLAGS = ("few_samples", "no_samples", "rank_deficient")
+HEAD = (f'{"coordinates":19} {"preset":16} {"m":>5} {"denoise":7} {"set":7} {"E rms":>8} {"median":>8} {"99 %":>8} '
+        f'{"worst":>8} {"bias":>8} {"noise":>8} {"ref.":>8} {"gradient":>8} {"linear":>8} {"seconds":>8} {"samples":>10}')
+
+
+def arguments_of(command_line):
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("cage")
+    parser.add_argument("model", help="with faces, where denoising is asked for")
+    parser.add_argument("--coordinates", nargs="+", choices=KINDS, default=KINDS)
+    parser.add_argument("--sets", nargs="+", choices=NAMES, default=NAMES)
+    parser.add_argument("--preset", nargs="*", choices=PRESETS, default=["paper", "default"])
+    parser.add_argument("--estimator", nargs="*", choices=ESTIMATORS, default=[], help="also, without samples")
+    parser.add_argument("--estimator-panels", nargs="+", type=int, default=[1000], help="of boundary-element")
+    parser.add_argument("--samples", nargs="+", type=int, default=[50])
+    parser.add_argument("--denoise", nargs="+", choices=("auto", "none"), default=["auto", "none"])
+    parser.add_argument("--seeds", type=int, default=1, help="from 0 on; bias and noise want two or more")
+    parser.add_argument("--points", type=int, default=100, help="evaluation points of each set")
+    parser.add_argument("--surface-points", type=int, default=10000, help="of the cut cage, about")
+    parser.add_argument("--whole", action="store_true", help="bind whole meshes without denoising, too, for its time")
+    parser.add_argument("--panels", type=int, default=2500, help="of the harmonic reference")
+    parser.add_argument("--directions", type=int, default=100000, help="of the positive mean value reference")
+    parser.add_argument("--stored", help="npz of stored references at points of the model, to check ours against")
+    parser.add_argument("--cache", default=checkout.ROOT / "build" / "references", help="folder of references")
+    parser.add_argument("--reference-rows", default=checkout.BIN / "reference_rows", help="the program")
+    parser.add_argument("--server", help="host:port; without it a private one is started")
+    parser.add_argument("--json", help="file for all figures")
+    parser.add_argument("--plot", help="PNG file: error against samples and time")
+    arguments = parser.parse_args(command_line)
+    for name in ("seeds", "points", "surface_points", "panels", "directions"):
+        if getattr(arguments, name) < 1:
+            parser.error(f"--{name.replace('_', '-')} must be 1 or more")
+    return arguments
+
+
+def note(text):
+    print(f"note: {text}", file=sys.stderr, flush=True)
+
+
+def settings_of(kind, arguments):
+    """(preset's name, m or None, denoise, options of bind) of everything asked for of this kind."""
+    for name in arguments.preset:
+        options, kinds = PRESETS[name]
+        if kind not in kinds:
+            note(f"{name} differs from paper in walks only, and {kind} has none: skipped")
+            continue
+        for m in arguments.samples:
+            for denoise in arguments.denoise:
+                yield name, m, denoise, {**options, "samples": m, "denoise": denoise}
+    for name in arguments.estimator:
+        options, kinds = ESTIMATORS[name]
+        if kind not in kinds:
+            note(f"{name} does not compute {kind}: skipped")
+            continue
+        for panels in arguments.estimator_panels if name == "boundary-element" else [None]:
+            yield name, None, "none", {**options, "panels": panels}
+
+
+def measure(client, cage, query, reference, kind, setting, arguments):
+    """The record of one line of the table."""
+    name, m, denoise, options = setting
+    whole = arguments.whole or denoise == "auto"
+    points, faces, rows = ((query.points, query.faces, query.chosen) if whole else
+                           (query.evaluation_points, None, np.arange(len(query.chosen))))
+    values, gradients, reports, flags = [], [], [], []
+    for seed in range(arguments.seeds if m else 1):
+        binding = client.bind(cage, points, faces, coordinates=kind, seed=seed, gradients=True, dtype="float64",
+                              **options)
+        values.append(binding.matrix[rows].toarray())
+        gradients.append(chosen_gradients(binding, rows))
+        reports.append(binding.report)
+    seconds = [report["seconds"]["total"] for report in reports]
+    middle = reports[int(np.argsort(seconds)[len(seconds) // 2])]
+    return {"coordinates": kind, "preset": name, "m": m, "denoise": denoise, "set": query.name,
+            **figures(np.array(values), np.array(gradients), reference), "reference": reference.method,
+            "panels": middle["options"]["panels"] or None,
+            "linear_precision_error": linear_precision_error(np.array(values), query.evaluation_points, cage),
+            "seconds": float(np.median(seconds)), "seconds_by_stage": middle["seconds"], "samples": middle["samples"],
+            "seeds": len(values), "points": len(rows), "points_bound": len(points), "whole_mesh": whole,
+            "rows_flagged": {flag: middle["rows"][flag] for flag in COUNTED_FLAGS},
+            "distance_min": float(query.distances.min()), "distance_median": float(np.median(query.distances)),
+            "options": middle["options"]}
+
+
+def chosen_gradients(binding, rows):
+    """Dense gradients of some rows: those of all the rows of a whole mesh would take gigabytes."""
+    numbers = type(binding.matrix)((np.arange(1, binding.matrix.nnz + 1), binding.matrix.indices,
+                                    binding.matrix.indptr), shape=binding.matrix.shape)[rows]
+    part = type(binding)(numbers, binding.gradients[numbers.data - 1], binding.flags[rows], "", {})
+    return dense_gradients(part)
+
+
+def line_of(record):
+    def number(value):
+        return f"{'-':>8}" if value is None else f"{value:8.1e}" if 0 < abs(value) < 1e-3 else f"{value:8.4f}"
+
+    bias = number(record["bias"])
+    if record["bias_found"] is False:
+        bias = f"{'<' + number(record['bias_below']).strip():>8}"
+    shown = [number(record[name]) for name in ("E_rms", "E_median", "E_p99", "E_worst", "noise", "reference_error",
+                                               "gradient_error", "linear_precision_error", "seconds")]
+    shown.insert(4, bias)
+    panels = record["options"]["panels"]
+    denoise = record["denoise"] if record["m"] else f"{panels} p." if panels else "-"
+    return (f'{record["coordinates"]:19} {record["preset"]:16} {record["m"] or "-":>5} {denoise:7} {record["set"]:7} '
+            f'{" ".join(shown)} {record["samples"]:10,}')
+
+
+def check_stored(path, kinds, model, references):
+    """Prints E between our references and stored ones, at their points."""
+    with np.load(path) as stored:
+        for kind in kinds:
+            try:
+                ours = references.get(kind, model.points[stored["index"]], "stored")
+            except NoReference as reason:
+                note(reason)
+                continue
+            print(f"{kind}: E {row_error(ours.values, stored[kind.replace('-', '_')]):.5f} between {ours.method} "
+                  f"(own error {ours.own_error:.1e}) and {Path(path).name}", flush=True)
+
+
+def run(client, cage, model, arguments):
+    """All records, printed as they come."""
+    surface = Surface.of(cage, arguments.surface_points)
+    references = References(client, cage, arguments.cache, arguments.reference_rows, arguments.panels,
+                            arguments.directions)
+    queries = [make_query_set(name, client, cage, surface, model, arguments.points) for name in arguments.sets]
+    for query in queries:
+        if len(query.chosen) < arguments.points:
+            note(f"{query.name}: {len(query.chosen)} points qualify, of {arguments.points} wanted")
+    if arguments.stored:
+        check_stored(arguments.stored, arguments.coordinates, model, references)
+    records = []
+    print(HEAD, flush=True)
+    for kind in arguments.coordinates:
+        settings = list(settings_of(kind, arguments))
+        for query in (q for q in queries if len(q.chosen)):
+            try:
+                reference = references.get(kind, query.evaluation_points, query.name, query.basis)
+            except NoReference as reason:
+                note(f"{reason}: set {query.name} skipped")
+                continue
+            client.bind(cage, query.evaluation_points[:1], coordinates=kind, samples=1)  # the index is built now
+            for setting in settings:
+                try:
+                    records.append(measure(client, cage, query, reference, kind, setting, arguments))
+                except InputError as error:
+                    note(f"{kind}, {setting[0]}, m = {setting[1]}, set {query.name}: {error}: skipped")
+                    continue
+                print(line_of(records[-1]), flush=True)
+    return records
+
+
+def main():
+    arguments = arguments_of(sys.argv[1:])
+    started = time.monotonic()
+    try:
+        cage, model = load_cage(arguments.cage), load_model(arguments.model)
+        if cage.dimension != 3:
+            sys.exit(f"accuracy.py: {arguments.cage}: cages in space only")
+        if "auto" in arguments.denoise and "inside" in arguments.sets and len(model.faces) == 0:
+            sys.exit(f"accuracy.py: {arguments.model} has no faces to denoise over; use --denoise none")
+        with Client(arguments.server, timeout_seconds=TIMEOUT_SECONDS) as client:
+            records = run(client, cage, model, arguments)
+    except BarycastError as error:
+        sys.exit(f"accuracy.py: {error}")
+    if not records:
+        sys.exit("accuracy.py: nothing was measured")
+    names = {"cage": Path(arguments.cage).name, "model": Path(arguments.model).name}
+    if arguments.json:
+        Path(arguments.json).write_text(json.dumps([{**names, **record} for record in records], indent=1) + "\n")
+    if arguments.plot:
+        from figure import draw  # matplotlib is wanted for this alone
+        draw(records, arguments.plot, f'{names["cage"]}, {names["model"]}')
+    note(f"{len(records)} lines in {time.monotonic() - started:.0f} s")
+
+
+if __name__ == "__main__":
+    main()
