@@ -3,8 +3,9 @@
 
 Binds four sets of points (query_sets.py: inside, near, on, outside) with every kind, preset, number of samples and
 smoothing asked for, and prints E against the reference of that kind (references.py), split into bias and noise
-(errors.py; `<` where only a bound on the bias is known). Rows are float64 with gradients, pruned as the preset has it. Seconds are the median request's; the cage has
-been uploaded and indexed before. Without denoising only the evaluation points are bound, unless --whole.
+(measure.py; `<` where only a bound on the bias is known). Rows are float64 with gradients, pruned as the preset has it.
+Seconds are the median request's; the cage has been uploaded and indexed before, boundary elements are solved within
+the request. Without denoising only the evaluation points are bound, unless --whole.
 
     accuracy.py cage.obj model.obj --coordinates harmonic --samples 20 50 200 --denoise none --seeds 5 --json out.json
 """
@@ -18,10 +19,11 @@ import checkout  # before barycast: where it is
 import numpy as np
 
 from barycast import BarycastError, Client, InputError, load_cage, load_model
-from errors import figures, linear_precision_error
+from measure import measure
 from query_sets import NAMES, make_query_set
-from references import NoReference, References, dense_gradients, row_error
+from references import NoReference, References, row_error
 from surface import Surface
+from table import HEAD, line_of
 
 KINDS = ("harmonic", "mean-value", "positive-mean-value")
 # What each preset of this program asks of the service, and for which kinds.
@@ -30,9 +32,6 @@ PRESETS = {"paper": ({"preset": "paper"}, KINDS), "default": ({"preset": "defaul
 ESTIMATORS = {"boundary-element": ({"estimator": "boundary-element"}, ("harmonic",)),
               "exact": ({"estimator": "exact"}, ("mean-value",))}
 TIMEOUT_SECONDS = 1800
-COUNTED_FLAGS = ("few_samples", "no_samples", "rank_deficient")
-HEAD = (f'{"coordinates":19} {"preset":16} {"m":>5} {"denoise":7} {"set":7} {"E rms":>8} {"median":>8} {"99 %":>8} '
-        f'{"worst":>8} {"bias":>8} {"noise":>8} {"ref.":>8} {"gradient":>8} {"linear":>8} {"seconds":>8} {"samples":>10}')
 
 
 def arguments_of(command_line):
@@ -88,56 +87,6 @@ def settings_of(kind, arguments):
             yield name, None, "none", {**options, "panels": panels}
 
 
-def measure(client, cage, query, reference, kind, setting, arguments):
-    """The record of one line of the table."""
-    name, m, denoise, options = setting
-    whole = arguments.whole or denoise == "auto"
-    points, faces, rows = ((query.points, query.faces, query.chosen) if whole else
-                           (query.evaluation_points, None, np.arange(len(query.chosen))))
-    values, gradients, reports, flags = [], [], [], []
-    for seed in range(arguments.seeds if m else 1):
-        binding = client.bind(cage, points, faces, coordinates=kind, seed=seed, gradients=True, dtype="float64",
-                              **options)
-        values.append(binding.matrix[rows].toarray())
-        gradients.append(chosen_gradients(binding, rows))
-        reports.append(binding.report)
-    seconds = [report["seconds"]["total"] for report in reports]
-    middle = reports[int(np.argsort(seconds)[len(seconds) // 2])]
-    return {"coordinates": kind, "preset": name, "m": m, "denoise": denoise, "set": query.name,
-            **figures(np.array(values), np.array(gradients), reference), "reference": reference.method,
-            "panels": middle["options"]["panels"] or None,
-            "linear_precision_error": linear_precision_error(np.array(values), query.evaluation_points, cage),
-            "seconds": float(np.median(seconds)), "seconds_by_stage": middle["seconds"], "samples": middle["samples"],
-            "seeds": len(values), "points": len(rows), "points_bound": len(points), "whole_mesh": whole,
-            "rows_flagged": {flag: middle["rows"][flag] for flag in COUNTED_FLAGS},
-            "distance_min": float(query.distances.min()), "distance_median": float(np.median(query.distances)),
-            "options": middle["options"]}
-
-
-def chosen_gradients(binding, rows):
-    """Dense gradients of some rows: those of all the rows of a whole mesh would take gigabytes."""
-    numbers = type(binding.matrix)((np.arange(1, binding.matrix.nnz + 1), binding.matrix.indices,
-                                    binding.matrix.indptr), shape=binding.matrix.shape)[rows]
-    part = type(binding)(numbers, binding.gradients[numbers.data - 1], binding.flags[rows], "", {})
-    return dense_gradients(part)
-
-
-def line_of(record):
-    def number(value):
-        return f"{'-':>8}" if value is None else f"{value:8.1e}" if 0 < abs(value) < 1e-3 else f"{value:8.4f}"
-
-    bias = number(record["bias"])
-    if record["bias_found"] is False:
-        bias = f"{'<' + number(record['bias_below']).strip():>8}"
-    shown = [number(record[name]) for name in ("E_rms", "E_median", "E_p99", "E_worst", "noise", "reference_error",
-                                               "gradient_error", "linear_precision_error", "seconds")]
-    shown.insert(4, bias)
-    panels = record["options"]["panels"]
-    denoise = record["denoise"] if record["m"] else f"{panels} p." if panels else "-"
-    return (f'{record["coordinates"]:19} {record["preset"]:16} {record["m"] or "-":>5} {denoise:7} {record["set"]:7} '
-            f'{" ".join(shown)} {record["samples"]:10,}')
-
-
 def check_stored(path, kinds, model, references):
     """Prints E between our references and stored ones, at their points."""
     with np.load(path) as stored:
@@ -175,7 +124,8 @@ def run(client, cage, model, arguments):
             client.bind(cage, query.evaluation_points[:1], coordinates=kind, samples=1)  # the index is built now
             for setting in settings:
                 try:
-                    records.append(measure(client, cage, query, reference, kind, setting, arguments))
+                    records.append(measure(client, cage, query, reference, kind, setting, arguments.seeds,
+                                           arguments.whole))
                 except InputError as error:
                     note(f"{kind}, {setting[0]}, m = {setting[1]}, set {query.name}: {error}: skipped")
                     continue

@@ -33,13 +33,14 @@ class NoReference(Exception):
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """values: p x control vertices. gradients: p x control vertices x 3 per unit of length, or None where the method
-    has none. own_error: in E. method: its name and size."""
+    """values: p x control vertices. own_error: in E. method: its name and size. gradients: p x control vertices x 3 per
+    unit of length, or None where the method has none; gradient_own_error: as the errors of gradients are stated."""
 
     values: np.ndarray
-    gradients: Optional[np.ndarray]
     own_error: float
     method: str
+    gradients: Optional[np.ndarray] = None
+    gradient_own_error: Optional[float] = None
 
 
 def dense_gradients(binding):
@@ -55,6 +56,11 @@ def row_error(values, reference):
     return float(np.sqrt(((values - reference) ** 2).sum(axis=1).mean()))
 
 
+def gradient_error(gradients, reference):
+    """The root mean square of the difference over that of the reference."""
+    return float(np.sqrt(((gradients - reference) ** 2).mean() / (reference**2).mean()))
+
+
 class References:
     """Computes references of one cage, or finds them in `folder`. client: of the service; program: reference_rows."""
 
@@ -67,18 +73,16 @@ class References:
     def get(self, kind, points, label, basis=None):
         """The reference of a kind of coordinates at points (p x 3). label: what they are, for the file's name. basis:
         the cage's basis there, for points on the cage. Raises NoReference."""
-        settings = f"1 {self._panels} {self._directions} {basis is not None} {self._client_version()}"
+        settings = f"2 {self._panels} {self._directions} {basis is not None} {self._client_version()}"
         key = hashlib.sha256(settings.encode() + points.tobytes()).hexdigest()[:12]
         digest = self._cage.digest.sha256.hex()[:12]
         path = self._folder / f"{digest}-{label}-{kind}-{key}.npz"
         if path.exists():
             with np.load(path) as stored:
-                return Reference(stored["values"], stored["gradients"] if "gradients" in stored else None,
-                                 float(stored["own_error"]), str(stored["method"]))
+                return Reference(**{name: value if value.ndim else value.item() for name, value in stored.items()})
         reference = self._compute(kind, points, basis)
         self._folder.mkdir(parents=True, exist_ok=True)
-        gradients = {} if reference.gradients is None else {"gradients": reference.gradients}
-        np.savez(path, values=reference.values, own_error=reference.own_error, method=reference.method, **gradients)
+        np.savez(path, **{name: value for name, value in vars(reference).items() if value is not None})
         return reference
 
     def _client_version(self):
@@ -94,34 +98,36 @@ class References:
                 raise NoReference("mean-value: the cage is not closed, which quadrature and the closed form need")
             if len(self._cage.quads) == 0:
                 binding = self._solve(points, kind, estimator="exact")
-                return Reference(binding.matrix.toarray(), dense_gradients(binding), 0.0, "closed form")
-            return Reference(self._rows("mean_value", 0, points), None, 0.0, "quadrature")
+                return Reference(binding.matrix.toarray(), 0.0, "closed form", dense_gradients(binding), 0.0)
+            return Reference(self._rows("mean_value", 0, points), 0.0, "quadrature")
         fine, coarse = (self._rows("positive", count, points) for count in (self._directions, self._directions // 4))
-        return Reference(fine, None, row_error(coarse, fine), f"visibility, {self._directions} directions")
+        return Reference(fine, row_error(coarse, fine), f"visibility, {self._directions} directions")
 
     def _on_cage(self, kind, points, basis):
         """Gradients there are one-sided, from the method that has them."""
-        gradients = None
+        gradients = own_error = None
         if kind == "harmonic":
-            gradients = self._harmonic(points).gradients
+            solved = self._harmonic(points)
+            gradients, own_error = solved.gradients, solved.gradient_own_error
         elif kind == "mean-value" and len(self._cage.quads) == 0 and self._elements.closed():
-            gradients = dense_gradients(self._solve(points, kind, estimator="exact"))
-        return Reference(basis, gradients, 0.0, "basis")
+            gradients, own_error = dense_gradients(self._solve(points, kind, estimator="exact")), 0.0
+        return Reference(basis, 0.0, "basis", gradients, own_error)
 
     def _harmonic(self, points):
         fine, coarse = (self._solve(points, "harmonic", estimator="boundary-element", panels=panels)
                         for panels in (self._panels, self._panels // 2))
-        own_error = row_error(coarse.matrix.toarray(), fine.matrix.toarray())
-        return Reference(fine.matrix.toarray(), dense_gradients(fine), own_error,
-                         f"boundary elements, at most {self._panels} panels")
+        values, gradients = fine.matrix.toarray(), dense_gradients(fine)
+        return Reference(values, row_error(coarse.matrix.toarray(), values),
+                         f"boundary elements, at most {self._panels} panels", gradients,
+                         gradient_error(dense_gradients(coarse), gradients))
 
     def _solve(self, points, kind, **options):
         return self._client.bind(self._cage, points, coordinates=kind, gradients=True, dtype="float64",
                                  prune_below=0.0, **options)
 
     def _rows(self, method, argument, points):
-        """By reference_rows. It takes triangles and quads: polygons go as fans about a vertex of their own, whose column
-        is then handed on to the corners."""
+        """By reference_rows. It takes triangles and quads: polygons go as fans about a vertex of their own, whose
+        column is then handed on to the corners."""
         if not self._program.exists():
             raise NoReference(f"{method}: there is no program {self._program}; build the target reference_rows or name "
                               "it with --reference-rows")

@@ -84,7 +84,8 @@ class Surface:
         that may be a little too far, by less than a triangle's size squared over the distance."""
         corners = self.points[self.faces]
         _, near = cKDTree(corners.mean(axis=1)).query(points, k=min(16, len(corners)))
-        return triangle_distances(points[:, None, :], corners[near.reshape(len(points), -1)]).min(axis=1) / self.diagonal
+        distances = triangle_distances(points[:, None, :], corners[near.reshape(len(points), -1)])
+        return distances.min(axis=1) / self.diagonal
 
 
 def triangle_distances(points, corners):

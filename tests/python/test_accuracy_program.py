@@ -48,9 +48,10 @@ def test_harmonic(measured, tmp_path):
     assert len(records) == 4 * (2 * 2 + 1) == len(done.stdout.splitlines()) - 1
     assert (tmp_path / "out.png").stat().st_size > 0
     assert {r["set"] for r in records} == {"inside", "near", "on", "outside"}
-    keys = {"cage", "model", "coordinates", "preset", "m", "denoise", "set", "E_rms", "E_median", "E_p99", "E_worst",
-            "bias", "noise", "reference", "reference_error", "gradient_error", "linear_precision_error", "seconds",
-            "samples", "seeds", "points", "points_bound", "whole_mesh", "options"}
+    keys = {"cage", "model", "coordinates", "preset", "m", "panels", "denoise", "set", "E_rms", "E_median", "E_p99",
+            "E_worst", "bias", "bias_below", "noise", "reference", "reference_error", "gradient_error",
+            "gradient_error_median", "linear_precision_error", "seconds", "samples", "seeds", "points", "points_bound",
+            "whole_mesh", "rows_flagged", "options"}
     for record in records:
         assert keys <= record.keys()
         assert record["linear_precision_error"] < 1e-12 and record["points"] == 12
