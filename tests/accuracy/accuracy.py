@@ -3,7 +3,7 @@
 
 Binds four sets of points (query_sets.py: inside, near, on, outside) with every kind, preset, number of samples and
 smoothing asked for, and prints E against the reference of that kind (references.py), split into bias and noise
-(measure.py; `<` where only a bound on the bias is known). Rows are float64 with gradients, pruned as the preset has it.
+(measure.py; `<` where only a bound on the bias is known). Rows are float64 with gradients.
 Seconds are the median request's; the cage has been uploaded and indexed before, boundary elements are solved within
 the request. Without denoising only the evaluation points are bound, unless --whole.
 
@@ -44,6 +44,8 @@ def arguments_of(command_line):
     parser.add_argument("--estimator", nargs="*", choices=ESTIMATORS, default=[], help="also, without samples")
     parser.add_argument("--estimator-panels", nargs="+", type=int, default=[1000], help="of boundary-element")
     parser.add_argument("--samples", nargs="+", type=int, default=[50])
+    parser.add_argument("--thickness", type=float, help="of all that samples, in diagonals")
+    parser.add_argument("--prune-below", type=float, help="instead of what the preset has; the references are not pruned")
     parser.add_argument("--denoise", nargs="+", choices=("auto", "none"), default=["auto", "none"])
     parser.add_argument("--seeds", type=int, default=1, help="from 0 on; bias and noise want two or more")
     parser.add_argument("--points", type=int, default=100, help="evaluation points of each set")
@@ -77,14 +79,15 @@ def settings_of(kind, arguments):
             continue
         for m in arguments.samples:
             for denoise in arguments.denoise:
-                yield name, m, denoise, {**options, "samples": m, "denoise": denoise}
+                yield name, m, denoise, {**options, "samples": m, "denoise": denoise,
+                                         "thickness": arguments.thickness, "prune_below": arguments.prune_below}
     for name in arguments.estimator:
         options, kinds = ESTIMATORS[name]
         if kind not in kinds:
             note(f"{name} does not compute {kind}: skipped")
             continue
         for panels in arguments.estimator_panels if name == "boundary-element" else [None]:
-            yield name, None, "none", {**options, "panels": panels}
+            yield name, None, "none", {**options, "panels": panels, "prune_below": arguments.prune_below}
 
 
 def check_stored(path, kinds, model, references):

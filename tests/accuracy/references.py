@@ -1,4 +1,5 @@
-"""What is right: reference coordinates at the chosen points of a query set, computed once and kept in a folder.
+"""What is right: reference coordinates at the chosen points of a query set, computed once and kept in a folder, by cage,
+kind, points, sizes and the service's version. After a change that does not move the version, empty the folder.
 
     on the cage          the basis: every kind interpolates it
     harmonic             the service's boundary elements, with many panels
@@ -69,11 +70,13 @@ class References:
         self._elements = Elements.of(cage)
         self._folder, self._program = Path(folder), Path(program)
         self._panels, self._directions = panels, directions
+        server = client.capabilities()
+        self._version = f"{server.build_version} {server.numerics_version}"
 
     def get(self, kind, points, label, basis=None):
         """The reference of a kind of coordinates at points (p x 3). label: what they are, for the file's name. basis:
         the cage's basis there, for points on the cage. Raises NoReference."""
-        settings = f"2 {self._panels} {self._directions} {basis is not None} {self._client_version()}"
+        settings = f"2 {self._panels} {self._directions} {basis is not None} {self._version}"
         key = hashlib.sha256(settings.encode() + points.tobytes()).hexdigest()[:12]
         digest = self._cage.digest.sha256.hex()[:12]
         path = self._folder / f"{digest}-{label}-{kind}-{key}.npz"
@@ -84,9 +87,6 @@ class References:
         self._folder.mkdir(parents=True, exist_ok=True)
         np.savez(path, **{name: value for name, value in vars(reference).items() if value is not None})
         return reference
-
-    def _client_version(self):
-        return self._client.capabilities().numerics_version
 
     def _compute(self, kind, points, basis):
         if basis is not None:
