@@ -45,7 +45,7 @@ def arguments_of(command_line):
     parser.add_argument("--estimator-panels", nargs="+", type=int, default=[1000], help="of boundary-element")
     parser.add_argument("--samples", nargs="+", type=int, default=[50])
     parser.add_argument("--thickness", type=float, help="of all that samples, in diagonals")
-    parser.add_argument("--prune-below", type=float, help="instead of what the preset has; the references are not pruned")
+    parser.add_argument("--prune-below", type=float, help="instead of the preset's; references are not pruned")
     parser.add_argument("--denoise", nargs="+", choices=("auto", "none"), default=["auto", "none"])
     parser.add_argument("--seeds", type=int, default=1, help="from 0 on; bias and noise want two or more")
     parser.add_argument("--points", type=int, default=100, help="evaluation points of each set")

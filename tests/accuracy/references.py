@@ -1,5 +1,7 @@
-"""What is right: reference coordinates at the chosen points of a query set, computed once and kept in a folder, by cage,
-kind, points, sizes and the service's version. After a change that does not move the version, empty the folder.
+"""What is right: reference coordinates at the chosen points of a query set.
+
+Computed once and kept in a folder, by cage, kind, points, sizes and the service's version. After a change to the
+service that does not move its version, empty the folder.
 
     on the cage          the basis: every kind interpolates it
     harmonic             the service's boundary elements, with many panels
