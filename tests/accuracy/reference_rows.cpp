@@ -6,6 +6,7 @@
 // it took. METHOD and ARGUMENT:
 //   positive DIRECTIONS    positive mean value coordinates by brute-force visibility
 //   volumetric RESOLUTION  harmonic coordinates on a grid
+//   mean_value 0           mean value coordinates of a closed cage by quadrature, for points off it
 
 #include <sys/resource.h>
 
@@ -17,6 +18,8 @@
 #include <string>
 #include <string_view>
 
+#include "base/parallel.h"
+#include "support/mean_value_quadrature.h"
 #include "support/positive_mean_value.h"
 #include "support/volumetric_harmonic.h"
 
@@ -76,6 +79,19 @@ constexpr Method kMethods[] = {
        return barycast::testing::VolumetricHarmonic(cage, resolution).evaluate(points);
      },
      4},
+    {"mean_value",
+     [](const Cage<3>& cage, std::span<const double> points, int) {
+       const barycast::testing::MeanValueQuadrature quadrature(cage);
+       DenseRows rows(static_cast<Eigen::Index>(points.size() / 3), cage.control_vertex_count());
+       barycast::parallel_for(points.size() / 3, 1, [&](size_t begin, size_t end) {
+         for (size_t i = begin; i < end; ++i) {
+           const std::vector<double> row = quadrature(barycast::testing::normalized_point(cage, points, i));
+           rows.row(static_cast<Eigen::Index>(i)) = Eigen::Map<const Eigen::RowVectorXd>(row.data(), rows.cols());
+         }
+       });
+       return rows;
+     },
+     0},
 };
 
 const Method* find_method(std::string_view name) {
