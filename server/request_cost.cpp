@@ -112,7 +112,9 @@ void estimate_cost(ServiceState& state, Result<ComputePlan> plan, const std::str
     const bool fits = price(understood->plan, size, state.limits, state.arena.threads()).ok();
     if (const Status sound = fits ? check_cage(*understood->cage) : Status(Done{}); !sound)
       return then(refuse(sound.error()));
-    if (const Status suits = CageIndex::check_estimator(understood->cage->input(), understood->plan.options); !suits)
+    if (const Status suits =
+            !fits ? Status(Done{}) : CageIndex::check_estimator(understood->cage->input(), understood->plan.options);
+        !suits)
       return then(refuse(at_options(suits.error())));
     return answer(size);
   }

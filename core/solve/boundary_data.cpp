@@ -41,24 +41,38 @@ Directions free_directions(const Cage<3>& cage, const CagePoint<3>& y) {
   return result;
 }
 
-// Row c of the columns as products: out[c] = f(c), given phi_v (sparse) and y, or their derivatives.
 constexpr std::array<std::array<Eigen::Index, 2>, 6> kPairs = {{{0, 0}, {0, 1}, {0, 2}, {1, 1}, {1, 2}, {2, 2}}};
 
 }  // namespace
 
-void BoundaryData::values(uint32_t element, const std::array<double, 4>& shares, const Vec<3>& y,
-                          Eigen::Ref<Row> out) const {
-  out.setZero();
+BoundaryData::BoundaryData(const Cage<3>& cage, bool moments)
+    : cage_(cage), moments_(moments), column_of_vertex_(cage.control_vertex_count(), -1) {
+  Eigen::Index column = 0;
+  for (const uint32_t v : cage.used_vertices()) column_of_vertex_[v] = column++;
+}
+
+void BoundaryData::entries(uint32_t element, const std::array<double, 4>& shares, const Vec<3>& y,
+                           std::vector<Entry>& out) const {
+  out.clear();
   std::vector<VertexWeight> basis;
   cage_.append_basis(cage_.elements()[element], shares, 1.0, basis);
   const Eigen::Index n = basis_count();
   for (const VertexWeight& phi : basis) {
-    out[phi.vertex] += phi.weight;
-    if (out.size() > n)
-      for (Eigen::Index a = 0; a < 3; ++a) out[n + 3 * Eigen::Index(phi.vertex) + a] += phi.weight * y[a];
+    const Eigen::Index column = column_of_vertex_[phi.vertex];
+    out.push_back({column, phi.weight});
+    for (Eigen::Index a = 0; a < 3 && moments_; ++a) out.push_back({n + 3 * column + a, phi.weight * y[a]});
   }
-  if (out.size() > n)
-    for (size_t p = 0; p < 6; ++p) out[4 * n + Eigen::Index(p)] = y[kPairs[p][0]] * y[kPairs[p][1]];
+  for (size_t p = 0; p < 6 && moments_; ++p)
+    out.push_back({4 * n + static_cast<Eigen::Index>(p), y[kPairs[p][0]] * y[kPairs[p][1]]});
+}
+
+void BoundaryData::values(uint32_t element, const std::array<double, 4>& shares, const Vec<3>& y,
+                          Eigen::Ref<Row> out) const {
+  out.setZero();
+  std::vector<Entry> some;
+  entries(element, shares, y, some);
+  for (const Entry& entry : some)
+    if (entry.column < out.size()) out[entry.column] += entry.value;
 }
 
 void BoundaryData::gradients(const CagePoint<3>& y, std::array<Row, 3>& out, Mat<3>& tangent) const {
@@ -80,13 +94,14 @@ void BoundaryData::gradients(const CagePoint<3>& y, std::array<Row, 3>& out, Mat
     for (int i = 0; i < directions.count; ++i)
       cage_.append_basis(element, directions.shares[static_cast<size_t>(i)], parameters(i, k), change);
     for (const VertexWeight& phi : change) {
-      partial[phi.vertex] += phi.weight;
-      if (moments_)
-        for (Eigen::Index a = 0; a < 3; ++a) partial[n + 3 * Eigen::Index(phi.vertex) + a] += phi.weight * y.point[a];
+      const Eigen::Index column = column_of_vertex_[phi.vertex];
+      partial[column] += phi.weight;
+      for (Eigen::Index a = 0; a < 3 && moments_; ++a) partial[n + 3 * column + a] += phi.weight * y.point[a];
     }
     if (!moments_) continue;
     for (const VertexWeight& phi : basis)
-      for (Eigen::Index a = 0; a < 3; ++a) partial[n + 3 * Eigen::Index(phi.vertex) + a] += phi.weight * tangent(a, k);
+      for (Eigen::Index a = 0; a < 3; ++a)
+        partial[n + 3 * column_of_vertex_[phi.vertex] + a] += phi.weight * tangent(a, k);
     for (size_t p = 0; p < 6; ++p) {
       const auto [a, b] = kPairs[p];
       partial[4 * n + Eigen::Index(p)] = tangent(a, k) * y.point[b] + y.point[a] * tangent(b, k);

@@ -4,6 +4,8 @@
 // control vertex; with moments also phi_v y and y y^T, from which the projection [SBC Eq. 7 to 10] makes the
 // coordinates outside and for open cages.
 
+#include <vector>
+
 #include "cage/cage.h"
 #include "query/distance_index.h"
 
@@ -11,16 +13,23 @@ namespace barycast {
 
 class BoundaryData {
  public:
-  BoundaryData(const Cage<3>& cage, bool moments) : cage_(cage), moments_(moments) {}
+  BoundaryData(const Cage<3>& cage, bool moments);
 
-  // Columns: phi_v, then (moments) phi_v y_0, phi_v y_1, phi_v y_2 for every v, then y_0 y_0, y_0 y_1, y_0 y_2,
-  // y_1 y_1, y_1 y_2, y_2 y_2.
-  Eigen::Index basis_count() const { return cage_.control_vertex_count(); }
+  // Columns, n being the number of used control vertices: phi_v of each, then (moments) phi_v y_0, phi_v y_1, phi_v y_2
+  // for each, then y_0 y_0, y_0 y_1, y_0 y_2, y_1 y_1, y_1 y_2, y_2 y_2.
+  Eigen::Index basis_count() const { return static_cast<Eigen::Index>(cage_.used_vertices().size()); }
   Eigen::Index count() const { return moments_ ? 4 * basis_count() + 6 : basis_count(); }
+  bool has_moments() const { return moments_; }
 
   using Row = Eigen::Matrix<double, 1, Eigen::Dynamic, Eigen::RowMajor>;
+  struct Entry {
+    Eigen::Index column;
+    double value;
+  };
 
-  // The values at a point of the cage, for the first `columns` of them (either count).
+  // What is not zero at a point of the cage; a column may occur more than once. Replaces what `out` held.
+  void entries(uint32_t element, const std::array<double, 4>& shares, const Vec<3>& y, std::vector<Entry>& out) const;
+  // The same as a row, of the first `out.size()` columns.
   void values(uint32_t element, const std::array<double, 4>& shares, const Vec<3>& y, Eigen::Ref<Row> out) const;
 
   // Derivatives along the cage, as vectors, at the closest point y of a query: in the tangent plane on a face, along
@@ -30,6 +39,7 @@ class BoundaryData {
  private:
   const Cage<3>& cage_;
   bool moments_;
+  std::vector<Eigen::Index> column_of_vertex_;
 };
 
 }  // namespace barycast

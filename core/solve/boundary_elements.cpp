@@ -5,7 +5,6 @@
 
 #include "base/parallel.h"
 #include "base/tolerances.h"
-#include "solve/boundary_field.h"
 #include "solve/panel_potential.h"
 
 namespace barycast {
@@ -14,7 +13,9 @@ namespace {
 constexpr size_t kTile = static_cast<size_t>(TiledCholesky::kTile);
 constexpr size_t kPanelsPerTile = kTile / 3;
 static_assert(kTile % 3 == 0);
-constexpr Eigen::Index kGroup = 16;  // right-hand sides solved together
+constexpr Eigen::Index kGroup = kDensityGroup;
+// Tiles that a thread assembles at a time: a millisecond each, several where all panels are close to each other.
+constexpr size_t kTilesAtOnce = 4;
 
 // Products of a tile with a group, that a thread does at a time: 0.3 million operations each.
 constexpr size_t kRowProducts = 700;
@@ -37,11 +38,11 @@ Result<std::unique_ptr<BoundarySolver>> BoundarySolver::create(const Cage<3>& ca
 }
 
 BoundarySolver::BoundarySolver(const Cage<3>& cage, Panels panels, bool moments)
-    : cage_(cage), panels_(std::move(panels)), data_(cage, moments), matrix_(3 * panels_.panels.size()) {}
-
-size_t BoundarySolver::groups() const {
-  return static_cast<size_t>((data_.count() + kGroup - 1) / kGroup);
-}
+    : cage_(cage),
+      panels_(std::move(panels)),
+      data_(cage, moments),
+      matrix_(3 * panels_.panels.size()),
+      densities_(DensityColumn::groups(data_)) {}
 
 size_t BoundarySolver::solved_bytes(const BoundarySettings& settings, size_t control_vertices) {
   const size_t columns = settings.moments ? 4 * control_vertices + 6 : control_vertices;
@@ -49,40 +50,48 @@ size_t BoundarySolver::solved_bytes(const BoundarySettings& settings, size_t con
 }
 
 size_t BoundarySolver::bytes(const BoundarySettings& settings, size_t control_vertices) {
-  // The densities are kept twice while they change places.
-  return TiledCholesky::bytes(3 * static_cast<size_t>(settings.panels)) + 2 * solved_bytes(settings, control_vertices);
+  return TiledCholesky::bytes(3 * static_cast<size_t>(settings.panels)) + solved_bytes(settings, control_vertices);
 }
 
-void BoundarySolver::assemble(size_t row) {
-  const auto& panels = panels_.panels;
-  parallel_for(row + 1, 1, [&](size_t begin, size_t end) {
-    for (size_t column = begin; column < end; ++column) {
-      TiledCholesky::Tile tile = matrix_.tile(row, column);
-      tile.setZero();
-      for (size_t i = 0; i < kPanelsPerTile; ++i) {
-        const size_t a = row * kPanelsPerTile + i;
-        const auto at_row = static_cast<Eigen::Index>(3 * i);
-        if (a >= panels.size()) {
-          if (row == column) tile.block<3, 3>(at_row, at_row).setIdentity();
-          continue;
-        }
-        for (size_t j = 0; j < kPanelsPerTile && column * kPanelsPerTile + j <= a; ++j) {
-          const size_t b = column * kPanelsPerTile + j;
-          Mat<3> block = panel_interaction(panels[a], panels[b]);
-          // By quadrature on one side the interaction of a panel with itself is symmetric only nearly.
-          if (a == b) block = 0.5 * (block + block.transpose()).eval();
-          block *= unknown_scale(panels[a]) * unknown_scale(panels[b]);
-          if (a == b) block += kRegularization * Mat<3>::Identity();
-          tile.block<3, 3>(at_row, static_cast<Eigen::Index>(3 * j)) = block;
-        }
-      }
+void BoundarySolver::assemble() {
+  const size_t first = assembled_, count = std::min(tiles() - first, kTilesAtOnce * parallel_width());
+  parallel_for(count, 1, [&](size_t begin, size_t end) {
+    for (size_t at = first + begin; at < first + end; ++at) {
+      auto row = static_cast<size_t>((std::sqrt(8.0 * static_cast<double>(at) + 1.0) - 1.0) / 2.0);
+      while (row * (row + 1) / 2 > at) --row;
+      while ((row + 1) * (row + 2) / 2 <= at) ++row;
+      assemble_tile(row, at - row * (row + 1) / 2);
     }
   });
+  assembled_ += count;
+}
+
+void BoundarySolver::assemble_tile(size_t row, size_t column) {
+  const auto& panels = panels_.panels;
+  TiledCholesky::Tile tile = matrix_.tile(row, column);
+  tile.setZero();
+  for (size_t i = 0; i < kPanelsPerTile; ++i) {
+    const size_t a = row * kPanelsPerTile + i;
+    const auto at_row = static_cast<Eigen::Index>(3 * i);
+    if (a >= panels.size()) {
+      if (row == column) tile.block<3, 3>(at_row, at_row).setIdentity();
+      continue;
+    }
+    for (size_t j = 0; j < kPanelsPerTile && column * kPanelsPerTile + j <= a; ++j) {
+      const size_t b = column * kPanelsPerTile + j;
+      Mat<3> block = panel_interaction(panels[a], panels[b]);
+      // By quadrature on one side the interaction of a panel with itself is symmetric only nearly.
+      if (a == b) block = 0.5 * (block + block.transpose()).eval();
+      block *= unknown_scale(panels[a]) * unknown_scale(panels[b]);
+      if (a == b) block += kRegularization * Mat<3>::Identity();
+      tile.block<3, 3>(at_row, static_cast<Eigen::Index>(3 * j)) = block;
+    }
+  }
 }
 
 void BoundarySolver::set_boundary_values() {
-  densities_.assign(groups(), TiledCholesky::Columns::Zero(static_cast<Eigen::Index>(rows() * kTile), kGroup));
-  BoundaryData::Row values(data_.count());
+  for (auto& group : densities_) group.setZero(static_cast<Eigen::Index>(rows() * kTile), kGroup);
+  std::vector<BoundaryData::Entry> entries;
   for (size_t p = 0; p < panels_.panels.size(); ++p) {
     const Panel& panel = panels_.panels[p];
     const Element& element = cage_.elements()[panel.element];
@@ -91,13 +100,13 @@ void BoundarySolver::set_boundary_values() {
       Vec<3> y = Vec<3>::Zero();
       for (size_t c = 0; c < static_cast<size_t>(element.corner_count()); ++c)
         y += shares[c] * cage_.corner(element, static_cast<int>(c));
-      data_.values(panel.element, shares, y, values);
+      data_.entries(panel.element, shares, y, entries);
       for (size_t k = 0; k < 3; ++k) {
         const double weight = rule.weight * panel.area * (2 * rule.barycentric[k] - 1 / 3.0) * unknown_scale(panel);
-        for (Eigen::Index c = 0; c < values.size(); ++c)
-          if (values[c] != 0.0)
-            densities_[static_cast<size_t>(c / kGroup)](static_cast<Eigen::Index>(3 * p + k), c % kGroup) +=
-                weight * values[c];
+        for (const BoundaryData::Entry& entry : entries) {
+          const DensityColumn at(entry.column, data_);
+          densities_[at.group](static_cast<Eigen::Index>(3 * p + k), at.lane) += weight * entry.value;
+        }
       }
     }
   }
@@ -105,8 +114,8 @@ void BoundarySolver::set_boundary_values() {
 
 // As many groups as there are threads, some rows of tiles at a time.
 void BoundarySolver::solve_groups() {
-  if (densities_.empty()) set_boundary_values();
-  const size_t count = std::min(groups() - solved_, parallel_width());
+  if (densities_.front().size() == 0) set_boundary_values();
+  const size_t count = std::min(densities_.size() - solved_, parallel_width());
   const size_t first = rows_solved_, end_row = std::min(2 * rows(), first + 1 + kRowProducts / rows());
   parallel_for(count, 1, [&](size_t begin, size_t end) {
     for (size_t g = solved_ + begin; g < solved_ + end; ++g)
@@ -123,8 +132,8 @@ void BoundarySolver::solve_groups() {
 }
 
 void BoundarySolver::advance() {
-  if (assembled_ < rows()) {
-    assemble(assembled_++);
+  if (assembled_ < tiles()) {
+    assemble();
   } else if (!matrix_.is_factored()) {
     matrix_.factor();
   } else {
@@ -134,13 +143,15 @@ void BoundarySolver::advance() {
 
 std::vector<Warning> BoundarySolver::warnings() const {
   if (matrix_.columns_raised() == 0) return {};
-  return {{"cage", "elements cut each other or lie on top of each other; boundary elements are less accurate there"}};
+  return {{"cage",
+           "elements cut each other or lie closer together than boundary elements can tell apart; coordinates may be "
+           "off by some hundredths; sampling has no such limit"}};
 }
 
 std::unique_ptr<const Solution<3>> BoundarySolver::take(const DistanceIndex<3>& distance,
                                                         const WindingNumber<3>& winding) {
   BARYCAST_CHECK_OP(done(), ==, total());
-  return std::make_unique<BoundaryField>(cage_, distance, winding, std::move(panels_), data_, densities_);
+  return std::make_unique<BoundaryField>(cage_, distance, winding, std::move(panels_), data_, std::move(densities_));
 }
 
 }  // namespace barycast

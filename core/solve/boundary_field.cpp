@@ -41,8 +41,7 @@ struct BoundaryField::Query {
 };
 
 BoundaryField::BoundaryField(const Cage<3>& cage, const DistanceIndex<3>& distance, const WindingNumber<3>& winding,
-                             Panels panels, const BoundaryData& data,
-                             const std::vector<TiledCholesky::Columns>& densities)
+                             Panels panels, const BoundaryData& data, DensityGroups densities)
     : cage_(cage),
       distance_(distance),
       winding_(winding),
@@ -50,32 +49,18 @@ BoundaryField::BoundaryField(const Cage<3>& cage, const DistanceIndex<3>& distan
       data_(data),
       is_closed_(is_closed(cage)),
       points_(3 * panels_.panels.size(), 3),
-      charge_(3 * panels_.panels.size()) {
+      charge_(3 * panels_.panels.size()),
+      densities_(std::move(densities)) {
   for (size_t p = 0; p < panels_.panels.size(); ++p)
     for (size_t k = 0; k < 3; ++k) {
       points_.row(static_cast<Eigen::Index>(3 * p + k)) = panels_.panels[p].point[k].transpose().array();
       charge_[static_cast<Eigen::Index>(3 * p + k)] = panels_.panels[p].area / 3;
     }
-  const Eigen::Index rows = charge_.size();
-  const auto column = [&](Eigen::Index c) {
-    const Eigen::Index group = densities.front().cols();
-    return densities[static_cast<size_t>(c / group)].col(c % group).head(rows);
-  };
-  // The columns of the basis start a block and so do those of the moments: inside, only the first are needed.
-  const auto add_blocks = [&](Eigen::Index first, Eigen::Index end) {
-    for (Eigen::Index c = first; c < end; c += kLanes) {
-      densities_.push_back(Charges::Zero(rows, kLanes));
-      for (Eigen::Index lane = 0; lane < kLanes && c + lane < end; ++lane)
-        densities_.back().col(lane) = column(c + lane);
-    }
-  };
-  add_blocks(0, data_.basis_count());
-  add_blocks(data_.basis_count(), data_.count());
 }
 
 size_t BoundaryField::bytes() const {
   return sizeof(*this) + panels_.panels.size() * sizeof(Panel) +
-         static_cast<size_t>(charge_.size()) * (4 + densities_.size() * kLanes) * sizeof(double);
+         static_cast<size_t>(charge_.size()) * (4 + densities_.size() * kDensityGroup) * sizeof(double);
 }
 
 // Far panels as three point charges, all at once; then what is nearer, panel by panel.
@@ -111,22 +96,47 @@ void BoundaryField::fill_kernels(const Vec<3>& x, Eigen::Index row, bool gradien
 // Every sum runs over the panels in their order, whatever the other rows and columns are.
 void BoundaryField::multiply(const Kernels& kernels, Eigen::Index columns, Potentials& out) const {
   out.resize(4, columns);
-  Eigen::Index first = 0;
-  for (const Charges& charges : densities_) {
-    if (first >= columns) break;
+  const Eigen::Index panel_points = charge_.size();
+  for (Eigen::Index first = 0; first < columns;) {
+    const DensityColumn at(first, data_);
     using Lanes = Eigen::Array<double, kLanes, 1>;
     Lanes sums[4] = {Lanes::Zero(), Lanes::Zero(), Lanes::Zero(), Lanes::Zero()};
-    const double* density = charges.data();
-    for (Eigen::Index i = 0; i < charges.rows(); ++i, density += kLanes) {
-      const Eigen::Map<const Lanes, Eigen::Aligned64> lanes(density);
+    const double* density = densities_[at.group].data() + at.lane;
+    for (Eigen::Index i = 0; i < panel_points; ++i, density += kDensityGroup) {
+      const Eigen::Map<const Lanes> lanes(density);
       for (Eigen::Index r = 0; r < 4; ++r) sums[r] += kernels(r, i) * lanes;
     }
-    // The basis' last block may be partly empty.
+    // The basis' last lanes may be empty.
     const Eigen::Index end = first < data_.basis_count() ? data_.basis_count() : data_.count();
     const Eigen::Index used = std::min(kLanes, end - first);
     for (Eigen::Index r = 0; r < 4; ++r) out.row(r).segment(first, used) = sums[r].head(used).matrix().transpose();
     first += used;
   }
+}
+
+void BoundaryField::set_row(const BoundaryData::Row& values, SolvedRows<3>::Table& table, Eigen::Index row) const {
+  Eigen::Index column = 0;
+  for (const uint32_t v : cage_.used_vertices()) table(row, v) = values[column++];
+}
+
+// A place near a point of the cage, inside where there is one. At edges the densities of the two faces differ and
+// gradients are infinite: there it is taken as far off as the correction near the cage reaches.
+Vec<3> BoundaryField::just_inside(const CagePoint<3>& y, double blend_width) const {
+  const Element& element = cage_.elements()[y.element];
+  const auto corners = static_cast<size_t>(element.corner_count());
+  const Vec<3> inward = -cage_.orientation() * element_normal(cage_, element, y.shares);
+  Vec<3> centre = Vec<3>::Zero();
+  for (size_t i = 0; i < corners; ++i)
+    centre += cage_.corner(element, static_cast<int>(i)) / static_cast<double>(corners);
+  const Vec<3> along = (centre - y.point).normalized();
+  const bool on_edge =
+      std::count_if(y.shares.begin(), y.shares.begin() + corners, [](double s) { return s < 1e-9; }) > 0;
+  const double shift = on_edge ? blend_width : kExactGradientShift;
+  // At an acute edge the way straight in leads out again.
+  for (const Vec<3>& direction : {inward, Vec<3>((along + 0.1 * inward).normalized()), Vec<3>(-inward),
+                                  Vec<3>((along - 0.1 * inward).normalized())})
+    if (winding_.inside(y.point + shift * direction)) return y.point + shift * direction;
+  return y.point + shift * inward;
 }
 
 BoundaryField::Query BoundaryField::prepare(const Vec<3>& x) const {
@@ -139,10 +149,8 @@ BoundaryField::Query BoundaryField::prepare(const Vec<3>& x) const {
     width += kBlendPanels * query.y.shares[i] * panels_.node_size[element.node[i]];
   query.blend_width = query.y.distance < width ? width : 0.0;
   query.on_cage = query.y.distance < kExactOnCage;
-  if (query.on_cage)
-    query.x =
-        query.y.point - (kExactGradientShift * cage_.orientation()) * element_normal(cage_, element, query.y.shares);
-  query.project = !is_closed_ || !winding_.inside(query.x);
+  if (query.on_cage) query.x = just_inside(query.y, width);
+  query.project = data_.has_moments() && (!is_closed_ || !winding_.inside(query.x));
   return query;
 }
 
@@ -154,7 +162,7 @@ void BoundaryField::evaluate_with_gradient(const Query& query, Eigen::Index row,
   multiply(kernels, columns, at_x);
   BoundaryData::Row values = at_x.row(0);
   std::array<BoundaryData::Row, 3> slopes = {at_x.row(1), at_x.row(2), at_x.row(3)};
-  if (query.blend_width > 0.0) {
+  if (query.blend_width > (query.x - query.y.point).norm()) {
     fill_kernels(query.y.point, 0, true, kernels);
     multiply(kernels, columns, at_y);
     BoundaryData::Row wanted(columns);
@@ -181,8 +189,8 @@ void BoundaryField::evaluate_with_gradient(const Query& query, Eigen::Index row,
     values = projected;
     slopes = gradients;
   }
-  out.values.row(row) = values;
-  for (size_t k = 0; k < 3; ++k) out.gradients[k].row(row) = slopes[k];
+  set_row(values, out.values, row);
+  for (size_t k = 0; k < 3; ++k) set_row(slopes[k], out.gradients[k], row);
 }
 
 void BoundaryField::evaluate_values(std::span<const Query> queries, Eigen::Index first_row, SolvedRows<3>& out) const {
@@ -209,15 +217,15 @@ void BoundaryField::evaluate_values(std::span<const Query> queries, Eigen::Index
       const Fade fade(query.y.distance, query.blend_width);
       values += fade.weight * (wanted - at_y.row(static_cast<Eigen::Index>(i)));
     }
-    auto row = out.values.row(first_row + static_cast<Eigen::Index>(i));
+    const Eigen::Index row = first_row + static_cast<Eigen::Index>(i);
     if (query.project) {
       BoundaryData::Row projected(n);
       std::array<BoundaryData::Row, 3> no_gradients;
       if (!project_moments(query.x, values, {}, n, projected, no_gradients))
-        out.rank_deficient[static_cast<size_t>(first_row) + i] = 1;
-      row = projected;
+        out.rank_deficient[static_cast<size_t>(row)] = 1;
+      set_row(projected, out.values, row);
     } else {
-      row = values.head(n);
+      set_row(values, out.values, row);
     }
   }
 }
@@ -238,7 +246,7 @@ void BoundaryField::evaluate(std::span<const Vec<3>> points, bool gradients, Sol
     out.on_cage[i] = 1;
     BoundaryData::Row basis(data_.basis_count());
     data_.values(queries[i].y.element, queries[i].y.shares, queries[i].y.point, basis);
-    out.values.row(static_cast<Eigen::Index>(i)) = basis;
+    set_row(basis, out.values, static_cast<Eigen::Index>(i));
   }
 }
 

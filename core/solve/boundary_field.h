@@ -15,18 +15,37 @@
 
 namespace barycast {
 
+// Densities: a row per point of a panel, columns in groups that are solved and summed together. The columns of the
+// basis start a group and so do those of the moments: inside closed cages only the first are needed.
+inline constexpr Eigen::Index kDensityGroup = 16;
+using DensityGroups = std::vector<TiledCholesky::Columns>;
+struct DensityColumn {
+  size_t group;
+  Eigen::Index lane;
+  DensityColumn(Eigen::Index column, const BoundaryData& data) {
+    const bool basis = column < data.basis_count();
+    const Eigen::Index local = basis ? column : column - data.basis_count();
+    group = static_cast<size_t>(local / kDensityGroup) + (basis ? 0 : groups(data.basis_count()));
+    lane = local % kDensityGroup;
+  }
+  static size_t groups(Eigen::Index columns) {
+    return static_cast<size_t>((columns + kDensityGroup - 1) / kDensityGroup);
+  }
+  static size_t groups(const BoundaryData& data) {
+    return groups(data.basis_count()) + groups(data.count() - data.basis_count());
+  }
+};
+
 class BoundaryField final : public Solution<3> {
  public:
-  // `densities`: rows are the points of the panels, three each; groups of columns in the order of `data`.
   BoundaryField(const Cage<3>& cage, const DistanceIndex<3>& distance, const WindingNumber<3>& winding, Panels panels,
-                const BoundaryData& data, const std::vector<TiledCholesky::Columns>& densities);
+                const BoundaryData& data, DensityGroups densities);
 
   void evaluate(std::span<const Vec<3>> points, bool gradients, SolvedRows<3>& out) const override;
   size_t bytes() const override;
 
  private:
-  static constexpr Eigen::Index kLanes = 8;  // columns summed together
-  using Charges = Eigen::Matrix<double, Eigen::Dynamic, kLanes, Eigen::RowMajor>;
+  static constexpr Eigen::Index kLanes = 8;  // columns summed together, half a group
   // Kernels of four potentials, or of one and its gradient: a row each, an entry per point of the panels.
   using Kernels = Eigen::Matrix<double, 4, Eigen::Dynamic, Eigen::RowMajor>;
   using Potentials = Eigen::Matrix<double, 4, Eigen::Dynamic, Eigen::RowMajor>;
@@ -35,6 +54,8 @@ class BoundaryField final : public Solution<3> {
   void fill_kernels(const Vec<3>& x, Eigen::Index row, bool gradient, Kernels& kernels) const;
   void multiply(const Kernels& kernels, Eigen::Index columns, Potentials& out) const;
   Query prepare(const Vec<3>& x) const;
+  Vec<3> just_inside(const CagePoint<3>& y, double blend_width) const;
+  void set_row(const BoundaryData::Row& values, SolvedRows<3>::Table& table, Eigen::Index row) const;
   void evaluate_with_gradient(const Query& query, Eigen::Index row, SolvedRows<3>& out) const;
   void evaluate_values(std::span<const Query> queries, Eigen::Index first_row, SolvedRows<3>& out) const;
 
@@ -46,7 +67,7 @@ class BoundaryField final : public Solution<3> {
   bool is_closed_;
   Eigen::Array<double, Eigen::Dynamic, 3> points_;  // of the panels
   Eigen::ArrayXd charge_;                           // a third of the panel's area
-  std::vector<Charges> densities_;                  // blocks of columns
+  DensityGroups densities_;
 };
 
 }  // namespace barycast

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <string>
 
 #include "base/tolerances.h"
 #include "query/element_distance.h"
@@ -15,6 +16,10 @@ Status ExactMeanValue::check(const Cage<3>& cage) {
     return invalid_argument("estimator",
                             "mean value coordinates have no closed form on bilinear quads; cut them into triangles, or "
                             "choose another estimator");
+  if (cage.elements().size() > kExactTrianglesMax)
+    return invalid_argument("estimator", "the closed form takes every triangle for every point, and this cage has " +
+                                             std::to_string(cage.elements().size()) + ", more than " +
+                                             std::to_string(kExactTrianglesMax) + "; sample instead");
   if (!is_closed(cage))
     return invalid_argument("estimator",
                             "the closed form of mean value coordinates reproduces position only on closed cages whose "

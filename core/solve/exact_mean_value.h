@@ -21,10 +21,13 @@
 
 namespace barycast {
 
+// A millisecond a point.
+inline constexpr size_t kExactTrianglesMax = 20'000;
+
 class ExactMeanValue final : public Solution<3> {
  public:
   // The cage must outlive the result.
-  // Errors: kInvalidArgument for estimator, where the cage has quads or is not closed.
+  // Errors: kInvalidArgument for estimator, where the cage has quads, too many triangles, or is not closed.
   static Result<std::unique_ptr<const ExactMeanValue>> create(const Cage<3>& cage);
 
   // Whether `create` would succeed. Errors: the same.

@@ -2,6 +2,8 @@
 
 #include <Eigen/Eigenvalues>
 
+#include "base/check.h"
+
 namespace barycast {
 namespace {
 
@@ -28,6 +30,7 @@ bool project_moments(const Vec<3>& x, const BoundaryData::Row& moments, const st
                      Eigen::Index control_vertices, Eigen::Ref<BoundaryData::Row> values,
                      std::array<BoundaryData::Row, 3>& gradients) {
   const Eigen::Index n = control_vertices;
+  BARYCAST_CHECK_OP(moments.size(), ==, 4 * n + 6);
   const Spread spread(moments, n);
   const Vec<3> mean = spread.first / spread.mass;
   const Mat<3> covariance = spread.second / spread.mass - mean * mean.transpose();

@@ -38,8 +38,8 @@ class Solution {
   virtual ~Solution() = default;
 
   // Fills `out` for the points (normalized frame). A point's row depends on that point alone, bit for bit, not on
-  // the points asked for with it. Gradients are those of the values. Rows reproduce position as well as the
-  // method does: they still want the final correction (estimate/row.h).
+  // the points asked for with it. Gradients are those of the values as far as each method says. Rows reproduce position
+  // as well as the method does: they still want the final correction (estimate/row.h).
   virtual void evaluate(std::span<const Vec<D>> points, bool gradients, SolvedRows<D>& out) const = 0;
 
   virtual size_t bytes() const = 0;
