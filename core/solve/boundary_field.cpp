@@ -132,10 +132,12 @@ Vec<3> BoundaryField::just_inside(const CagePoint<3>& y, double blend_width) con
   const bool on_edge =
       std::count_if(y.shares.begin(), y.shares.begin() + corners, [](double s) { return s < 1e-9; }) > 0;
   const double shift = on_edge ? blend_width : kExactGradientShift;
-  // At an acute edge the way straight in leads out again.
-  for (const Vec<3>& direction : {inward, Vec<3>((along + 0.1 * inward).normalized()), Vec<3>(-inward),
-                                  Vec<3>((along - 0.1 * inward).normalized())})
-    if (winding_.inside(y.point + shift * direction)) return y.point + shift * direction;
+  // Away from an edge and from both of its faces; at an acute one, closer to this face; and faces may face either way.
+  const double tilt = on_edge ? 1.0 : 0.0;
+  for (const double rise : {1.0, 0.1, -1.0, -0.1}) {
+    const Vec<3> place = y.point + shift * (tilt * along + rise * inward).normalized();
+    if (winding_.inside(place)) return place;
+  }
   return y.point + shift * inward;
 }
 

@@ -340,13 +340,13 @@ TEST(BoundaryElements, PointsOnEdgesAndVerticesAloneHaveFiniteGradients) {
     for (size_t v = 3; v < shape.vertices.size(); v += 3)
       for (const double t : {0.25, 0.5, 0.9})
         for (size_t k = 0; k < 3; ++k) points.push_back((1 - t) * shape.vertices[k] + t * shape.vertices[v + k]);
-    const Options options{.estimator = Estimator::kBoundaryElement, .panels = 128, .gradients = true};
+    const Options options{.estimator = Estimator::kBoundaryElement, .panels = 64, .gradients = true};
     for (size_t i = 0; i < points.size(); i += 3) {
       const std::vector<double> one(points.begin() + long(i), points.begin() + long(i) + 3);
       const RowBlock block = testing::bind_or_die(index, testing::loose_points(one), options);
       EXPECT_LE(testing::promise_error<3>(*index, one, block).worst(), 1.0);
-      // Re-entrant edges and open rims have steep ones; 30 is the largest seen.
-      for (const double g : block.gradients) EXPECT_LT(std::abs(g), 100.0);
+      // Steep outside of a coarse cage; 26 is the largest seen.
+      for (const double g : block.gradients) EXPECT_LT(std::abs(g), 50.0);
     }
   }
 }
