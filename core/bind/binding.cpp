@@ -69,7 +69,6 @@ class BindingOf final : public Binding {
       queries_.mesh = {};
       progress_ = {Stage::kSampling, settings.first_row, queries_.points.size()};
     }
-    next_row_ = settings.first_row;
   }
 
   Step advance(const std::atomic<bool>& cancel) override {
@@ -88,22 +87,13 @@ class BindingOf final : public Binding {
  private:
   bool smoothed() const { return settings_.options.denoise == Denoise::kMesh; }
 
-  // Runs body(i) for the next `count` points; false when cancelled on the way.
-  template <class Body>
-  bool run_quantum(size_t count, const std::atomic<bool>& cancel, const Body& body) {
-    return quantum_.run(count, kPointsPerTask, cancel, [&](size_t begin, size_t end) {
-      for (size_t i = begin; i < end; ++i)
-        if (!body(i)) return false;
-      return true;
-    });
-  }
-
   Step sample_nodes(const std::atomic<bool>& cancel) {
     const StageTimer timer(summary_.sampling_s);
     const size_t count = std::min(quantum_.size(), queries_.nodes.size() - nodes_sampled_);
-    const bool complete = run_quantum(count, cancel, [&](size_t i) {
-      const size_t node = nodes_sampled_ + i;
-      return estimator_.estimate(queries_.nodes[node], cancel, workspaces_.local(), estimates_[node]);
+    const bool complete = quantum_.run(count, kPointsPerTask, cancel, [&](size_t begin, size_t end) {
+      for (size_t node = nodes_sampled_ + begin; node < nodes_sampled_ + end; ++node)
+        if (!estimator_.estimate(queries_.nodes[node], cancel, workspaces_.local(), estimates_[node])) return false;
+      return true;
     });
     if (!complete) return Step::kCancelled;
     for (size_t i = 0; i < count; ++i) add_counts(estimates_[nodes_sampled_ + i].counts, summary_);
@@ -169,16 +159,16 @@ class BindingOf final : public Binding {
 
   Step make_rows(const std::atomic<bool>& cancel) {
     const StageTimer timer(smoothed() ? summary_.rows_s : summary_.sampling_s);
-    if (next_row_ == queries_.points.size() && blocks_.size() == 0) return Step::kDone;
-    const size_t count = std::min({quantum_.size(), blocks_.room(), queries_.points.size() - next_row_});
-    const std::span<FinishedRow<D>> rows = blocks_.append(count);
-    if (!run_quantum(count, cancel, [&](size_t i) { return finish_row(next_row_ + i, cancel, rows[i]); }))
-      return Step::kCancelled;
-    next_row_ += count;
-    progress_.done = next_row_;
-    if (blocks_.room() > 0 && next_row_ < queries_.points.size()) return Step::kWorking;
-    block_ = blocks_.pack(next_row_ - blocks_.size(), summary_);
-    return Step::kBlock;
+    const Step step = blocks_.advance(
+        queries_.points.size(), quantum_, kPointsPerTask, cancel,
+        [&](size_t first, std::span<FinishedRow<D>> rows) {
+          for (size_t i = 0; i < rows.size(); ++i)
+            if (!finish_row(first + i, cancel, rows[i])) return false;
+          return true;
+        },
+        block_, summary_);
+    progress_.done = blocks_.next_row();
+    return step;
   }
 
   static constexpr size_t kPointsPerTask = 4;
@@ -198,7 +188,6 @@ class BindingOf final : public Binding {
   std::optional<HeatKernel> kernel_;
   std::optional<Smoother<D>> smoother_;
 
-  uint64_t next_row_ = 0;
   RowBlock block_;
   Progress progress_;
   BindingSummary summary_;

@@ -1,7 +1,5 @@
 #include "bind/block_builder.h"
 
-#include <algorithm>
-
 namespace barycast {
 
 void add_counts(const SampleCounts& counts, BindingSummary& summary) {
@@ -13,15 +11,9 @@ void add_counts(const SampleCounts& counts, BindingSummary& summary) {
 }
 
 template <int D>
-std::span<FinishedRow<D>> BlockBuilder<D>::append(size_t count) {
-  rows_.resize(rows_.size() + count);
-  return std::span(rows_).last(count);
-}
-
-template <int D>
-RowBlock BlockBuilder<D>::pack(uint64_t first_row, BindingSummary& summary) {
+RowBlock BlockBuilder<D>::pack(BindingSummary& summary) {
   RowBlock block;
-  block.first_row = first_row;
+  block.first_row = next_row_ - rows_.size();
   block.offsets.push_back(0);
   for (const FinishedRow<D>& row : rows_) {
     for (const RowEntry<D>& entry : row.entries) {

@@ -1,10 +1,14 @@
 #pragma once
 
-// Finished rows, packed into blocks and counted: what every binding ends in.
+// Rows made piece by piece, packed into blocks and counted: what every binding ends in.
 
+#include <algorithm>
+#include <atomic>
+#include <span>
 #include <vector>
 
 #include "bind/binding.h"
+#include "bind/quantum.h"
 #include "estimate/row.h"
 #include "sample/sample.h"
 
@@ -28,18 +32,34 @@ class BlockBuilder {
   // `diagonal`: of the cage, the unit of the rows' gradients.
   BlockBuilder(const BindingSettings& settings, double diagonal) : settings_(settings), diagonal_(diagonal) {}
 
-  size_t size() const { return rows_.size(); }
-  size_t room() const { return settings_.block_rows - rows_.size(); }
-  // Room for the next `count` rows, to be filled in place, in parallel.
-  std::span<FinishedRow<D>> append(size_t count);
+  // The next rows of `points` in all, as many as fill the quantum: body(first_row, rows) fills some in place, in
+  // parallel, and says whether to go on. With kBlock they are in `block`, and counted in `summary`.
+  template <class Body>
+  Binding::Step advance(size_t points, Quantum& quantum, size_t grain, const std::atomic<bool>& cancel,
+                        const Body& body, RowBlock& block, BindingSummary& summary) {
+    if (next_row_ == points && rows_.empty()) return Binding::Step::kDone;
+    const size_t room = settings_.block_rows - rows_.size(), first = rows_.size();
+    const size_t count = std::min({quantum.size(), room, points - next_row_});
+    rows_.resize(first + count);
+    const bool complete = quantum.run(count, grain, cancel, [&](size_t begin, size_t end) {
+      return body(next_row_ + begin, std::span(rows_).subspan(first + begin, end - begin));
+    });
+    if (!complete) return Binding::Step::kCancelled;
+    next_row_ += count;
+    if (count < room && next_row_ < points) return Binding::Step::kWorking;
+    block = pack(summary);
+    return Binding::Step::kBlock;
+  }
 
-  // The rows so far; the first of them is `first_row`. Counts them in `summary`.
-  RowBlock pack(uint64_t first_row, BindingSummary& summary);
+  uint64_t next_row() const { return next_row_; }
 
  private:
+  RowBlock pack(BindingSummary& summary);
+
   const BindingSettings& settings_;
   const double diagonal_;
-  std::vector<FinishedRow<D>> rows_;
+  uint64_t next_row_ = settings_.first_row;
+  std::vector<FinishedRow<D>> rows_;  // the last ones before next_row_
 };
 
 extern template class BlockBuilder<2>;

@@ -30,8 +30,7 @@ class SolvedBinding final : public Binding {
                                     .gradients = settings.options.gradients,
                                     .influences_max = settings.options.influences_max}),
         blocks_(settings_, structures.cage.frame().diagonal),
-        quantum_(kPointsPerTask),
-        next_row_(settings.first_row) {
+        quantum_(kPointsPerTask) {
     queries_.mesh = {};
     const auto warnings = structures.cage.warnings();
     summary_.warnings.assign(warnings.begin(), warnings.end());
@@ -51,7 +50,7 @@ class SolvedBinding final : public Binding {
   double smoothing_time() const override { return 0.0; }
 
  private:
-  void report_rows() { progress_ = {Stage::kRows, next_row_, queries_.points.size()}; }
+  void report_rows() { progress_ = {Stage::kRows, blocks_.next_row(), queries_.points.size()}; }
 
   Step solve() {
     const StageTimer timer(summary_.solving_s);
@@ -88,19 +87,15 @@ class SolvedBinding final : public Binding {
 
   Step make_rows(const std::atomic<bool>& cancel) {
     const StageTimer timer(summary_.rows_s);
-    if (next_row_ == queries_.points.size() && blocks_.size() == 0) return Step::kDone;
-    const size_t count = std::min({quantum_.size(), blocks_.room(), queries_.points.size() - next_row_});
-    const std::span<FinishedRow<3>> rows = blocks_.append(count);
-    const bool complete = quantum_.run(count, kPointsPerTask, cancel, [&](size_t begin, size_t end) {
-      finish_rows(next_row_ + begin, rows.subspan(begin, end - begin));
-      return !cancel.load(std::memory_order_relaxed);
-    });
-    if (!complete) return Step::kCancelled;
-    next_row_ += count;
-    progress_.done = next_row_;
-    if (blocks_.room() > 0 && next_row_ < queries_.points.size()) return Step::kWorking;
-    block_ = blocks_.pack(next_row_ - blocks_.size(), summary_);
-    return Step::kBlock;
+    const Step step = blocks_.advance(
+        queries_.points.size(), quantum_, kPointsPerTask, cancel,
+        [&](size_t first, std::span<FinishedRow<3>> rows) {
+          finish_rows(first, rows);
+          return !cancel.load(std::memory_order_relaxed);
+        },
+        block_, summary_);
+    progress_.done = blocks_.next_row();
+    return step;
   }
 
   static constexpr size_t kPointsPerTask = 16;
@@ -114,7 +109,6 @@ class SolvedBinding final : public Binding {
   RowFinisher<3> finisher_;
   BlockBuilder<3> blocks_;
   Quantum quantum_;
-  uint64_t next_row_;
   RowBlock block_;
   Progress progress_;
   BindingSummary summary_;

@@ -4,7 +4,6 @@
 #include <cmath>
 
 #include "base/parallel.h"
-#include "base/tolerances.h"
 #include "solve/panel_potential.h"
 
 namespace barycast {
@@ -13,7 +12,6 @@ namespace {
 constexpr size_t kTile = static_cast<size_t>(TiledCholesky::kTile);
 constexpr size_t kPanelsPerTile = kTile / 3;
 static_assert(kTile % 3 == 0);
-constexpr Eigen::Index kGroup = kDensityGroup;
 // Tiles that a thread assembles at a time: a millisecond each, several where all panels are close to each other.
 constexpr size_t kTilesAtOnce = 4;
 
@@ -90,7 +88,7 @@ void BoundarySolver::assemble_tile(size_t row, size_t column) {
 }
 
 void BoundarySolver::set_boundary_values() {
-  for (auto& group : densities_) group.setZero(static_cast<Eigen::Index>(rows() * kTile), kGroup);
+  for (auto& group : densities_) group.setZero(static_cast<Eigen::Index>(rows() * kTile), kDensityGroup);
   std::vector<BoundaryData::Entry> entries;
   for (size_t p = 0; p < panels_.panels.size(); ++p) {
     const Panel& panel = panels_.panels[p];

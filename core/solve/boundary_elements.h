@@ -40,7 +40,6 @@ class BoundarySolver {
   // The cage must outlive what comes of it. Errors: kInvalidArgument ("panels": the cage needs more).
   static Result<std::unique_ptr<BoundarySolver>> create(const Cage<3>& cage, const BoundarySettings& settings);
 
-  size_t panel_count() const { return panels_.panels.size(); }
   // In no unit in particular.
   size_t done() const { return assembled_ + matrix_.columns_done() + 2 * rows() * solved_ + rows_solved_; }
   size_t total() const { return tiles() + rows() + 2 * rows() * densities_.size(); }
