@@ -33,10 +33,13 @@ Sampler<D> make_sampler(const ResolvedOptions& options, const CageStructures<D>&
                                                  .run_on = !paper});
 }
 
+ErrorRate error_rate(const ResolvedOptions& options) {
+  return options.coordinates == CoordinateKind::kHarmonic ? ErrorRate::kSquareRoot : ErrorRate::kLinear;
+}
+
 double default_smoothing_time(const ResolvedOptions& options, const SquaredEdges& edges) {
   if (options.preset == Preset::kPaper) return smoothing_time_as_printed(edges, options.samples);
-  const bool rays = options.coordinates != CoordinateKind::kHarmonic;
-  return smoothing_time(edges, rays ? ErrorRate::kLinear : ErrorRate::kSquareRoot, options.samples);
+  return smoothing_time(edges, error_rate(options), options.samples);
 }
 
 template <int D>
@@ -102,6 +105,16 @@ class BindingOf final : public Binding {
     return Step::kWorking;
   }
 
+  std::vector<double> smoothing_times() const {
+    const ResolvedOptions& options = settings_.options;
+    std::vector<double> times(queries_.nodes.size(), summary_.smoothing_time);
+    if (options.preset == Preset::kPaper) return times;
+    for (size_t node = 0; node < times.size(); ++node)
+      times[node] = std::min(times[node], smoothing_time_max(error_rate(options), options.samples,
+                                                             estimates_[node].distance, options.thickness));
+    return times;
+  }
+
   Step factor(const std::atomic<bool>& cancel) {
     const StageTimer timer(summary_.smoothing_factor_s);
     if (summary_.smoothing_time > kSmoothingTimeLarge)
@@ -118,11 +131,11 @@ class BindingOf final : public Binding {
     if (const auto isolated = (laplacian.area.array() <= 0.0).count(); isolated > 0)
       summary_.warnings.push_back(
           {"points", std::to_string(isolated) + " positions belong to no face with area and were not denoised"});
-    auto kernel = HeatKernel::create(laplacian, summary_.smoothing_time);
+    auto kernel = HeatKernel::create(laplacian, smoothing_times());
     if (!kernel) {
       // The faces are at fault, and the rows are right without them, only noisier: the summary says so.
       summary_.warnings.push_back({"faces", kernel.error().message});
-      kernel = HeatKernel::create(MeshLaplacian{{}, Eigen::VectorXd::Zero(laplacian.area.size()), 0}, 0.0);
+      kernel = HeatKernel::create(MeshLaplacian{{}, Eigen::VectorXd::Zero(laplacian.area.size()), 0}, {});
     }
     kernel_.emplace(std::move(kernel).value());
     smoother_.emplace(cage_, finisher_, *kernel_, queries_.nodes, estimates_);

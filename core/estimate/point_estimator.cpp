@@ -62,6 +62,7 @@ bool PointEstimator<D>::estimate(const Vec<D>& x, const std::atomic<bool>& cance
                                  PointEstimate<D>& out) const {
   CagePoint<D> closest = distance_.closest(x);
   out.flags = 0;
+  out.distance = closest.distance;
   out.on_cage.reset();
   const bool tie = closest.distance <= kTie * settings_.thickness;
   if (!tie && !winding_.inside(x)) out.flags |= kRowOutside;

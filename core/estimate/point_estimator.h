@@ -26,6 +26,7 @@ template <int D>
 struct PointEstimate {
   Projected<D> projected;
   std::optional<CagePoint<D>> on_cage;  // y, for a query within the thickness of the cage
+  double distance = 0.0;                // to the cage
   uint8_t flags = 0;                    // RowFlags
   SampleCounts counts;
 };

@@ -1,5 +1,6 @@
 #include "smooth/heat.h"
 
+#include <algorithm>
 #include <cmath>
 #include <numeric>
 
@@ -63,7 +64,9 @@ double factor_operations(const Sparse& lower) {
 
 }  // namespace
 
-Result<HeatKernel> HeatKernel::create(const MeshLaplacian& laplacian, double time) {
+Result<HeatKernel> HeatKernel::create(const MeshLaplacian& laplacian, std::span<const double> times) {
+  const double time = times.empty() ? 0.0 : *std::max_element(times.begin(), times.end());
+  const auto weight = [&](uint32_t node) { return laplacian.area[node] * (time > 0.0 ? time / times[node] : 1.0); };
   const std::vector<bool> active_node = nodes_to_smooth(laplacian, time);
   std::vector<int> row_of(active_node.size(), -1);
   std::vector<uint32_t> active;
@@ -79,7 +82,7 @@ Result<HeatKernel> HeatKernel::create(const MeshLaplacian& laplacian, double tim
         entries.emplace_back(row_of[static_cast<size_t>(it.row())], row_of[static_cast<size_t>(column)],
                              time * it.value());
   for (size_t i = 0; i < active.size(); ++i)
-    entries.emplace_back(static_cast<int>(i), static_cast<int>(i), laplacian.area[active[i]]);
+    entries.emplace_back(static_cast<int>(i), static_cast<int>(i), weight(active[i]));
   const auto size = static_cast<Eigen::Index>(active.size());
   Sparse matrix(size, size);
   // Active nodes were renumbered in order, so the lower triangle stays the lower triangle.
@@ -96,11 +99,11 @@ Result<HeatKernel> HeatKernel::create(const MeshLaplacian& laplacian, double tim
   HeatKernel kernel;
   const Sparse& lower = ldlt.matrixL().nestedExpression();
   kernel.node_.resize(active.size());
-  kernel.area_.resize(active.size());
+  kernel.weight_.resize(active.size());
   for (size_t i = 0; i < active.size(); ++i) {
     const auto row = static_cast<size_t>(ldlt.permutationP().indices()[static_cast<Eigen::Index>(i)]);
     kernel.node_[row] = active[i];
-    kernel.area_[row] = laplacian.area[active[i]];
+    kernel.weight_[row] = weight(active[i]);
   }
   kernel.column_begin_.assign(lower.outerIndexPtr(), lower.outerIndexPtr() + size + 1);
   kernel.row_.assign(lower.innerIndexPtr(), lower.innerIndexPtr() + kernel.column_begin_.back());
@@ -114,7 +117,7 @@ bool HeatKernel::smooth(std::vector<double>& block, std::vector<double>& workspa
   workspace.resize(node_.size() * kColumns);
   double* const x = workspace.data();
   for (size_t i = 0; i < node_.size(); ++i)
-    for (size_t k = 0; k < kColumns; ++k) x[i * kColumns + k] = area_[i] * block[node_[i] * kColumns + k];
+    for (size_t k = 0; k < kColumns; ++k) x[i * kColumns + k] = weight_[i] * block[node_[i] * kColumns + k];
 
   for (size_t j = 0; j < node_.size(); ++j) {  // L y = A b, column by column
     if (j % kCheckEvery == 0 && cancel.load(std::memory_order_relaxed)) return false;

@@ -1,12 +1,14 @@
 #pragma once
 
-// One implicit step of heat flow, (A + t L)^-1 A [SBC 4.4]: factor once, then solve for many columns,
-// kColumns at a time. Rows sum to one, so smoothing every u_v by the same operator keeps linear
-// precision. Nodes without area, and components much smaller than the kernel, are left alone. Double throughout; every
-// column is solved in one fixed order, so threads that share the work cannot change a bit.
+// One implicit step of heat flow, (A T^-1 + L)^-1 A T^-1 with the nodes' times on the diagonal of T; with one time t
+// for all, (A + t L)^-1 A [SBC 4.4]. Factor once, then solve for many columns, kColumns at a time. Rows sum to one, so
+// smoothing every u_v by the same operator keeps linear precision. Nodes without area, and components much smaller than
+// the kernel, are left alone. Double throughout; every column is solved in one fixed order, so threads that share the
+// work cannot change a bit.
 
 #include <Eigen/SparseCholesky>
 #include <atomic>
+#include <span>
 #include <vector>
 
 #include "base/result.h"
@@ -19,9 +21,9 @@ class HeatKernel {
   // Columns of one solve: two cache lines per node, enough to hide the memory of the factor.
   static constexpr size_t kColumns = 16;
 
-  // Factors A + t L. Errors: kResourceExhausted when the factor would be far denser than a surface's (found
-  // before the work is done), kInternal when the matrix is not positive definite to rounding.
-  static Result<HeatKernel> create(const MeshLaplacian& laplacian, double time);
+  // times: of the nodes, positive, or 0 for all. Errors: kResourceExhausted when the factor would be far denser than a
+  // surface's (found before the work is done), kInternal when the matrix is not positive definite to rounding.
+  static Result<HeatKernel> create(const MeshLaplacian& laplacian, std::span<const double> times);
 
   // Smooths a node-major block (nodes x kColumns) in place. `workspace` is any vector, reused between
   // calls. False: `cancel` was seen set, and the block is in no defined state. Const, thread-safe.
@@ -32,7 +34,7 @@ class HeatKernel {
  private:
   HeatKernel() = default;
   std::vector<uint32_t> node_;     // of each row of the factor, in its elimination order
-  std::vector<double> area_;       // by row
+  std::vector<double> weight_;     // by row: A t / t_i, t the longest time
   std::vector<int> column_begin_;  // of the unit lower triangular factor, below its diagonal
   std::vector<int> row_;
   std::vector<double> factor_;

@@ -9,11 +9,18 @@
 namespace barycast {
 namespace {
 
-// Times the median squared edge, at 50 samples. Least E over FireHydrant and SpikyBox: 2 and 5 for walks, 0.4 and
-// 0.5 for rays; within a factor of two it hardly matters.
+// At 50 samples; within a factor of two they hardly matter.
 constexpr double kSamplesReference = 50.0;
-constexpr double kEdgesOfWalks = 3.0;
-constexpr double kEdgesOfRays = 0.5;
+constexpr double kEdgesOfWalks = 3.0;  // times the median squared edge
+constexpr double kEdgesOfRays = 0.7;
+constexpr double kDistanceOfWalks = 0.2;  // times the squared distance of the cage
+constexpr double kDistanceOfRays = 0.05;
+
+// The best time goes with the power 2/3 of the error.
+double relative_time(ErrorRate rate, double samples) {
+  const double fewer = kSamplesReference / samples;
+  return rate == ErrorRate::kLinear ? std::pow(fewer, 2.0 / 3) : std::cbrt(fewer);
+}
 
 }  // namespace
 
@@ -60,9 +67,13 @@ double smoothing_time_as_printed(const SquaredEdges& edges, double samples) {
 }
 
 double smoothing_time(const SquaredEdges& edges, ErrorRate rate, double samples) {
-  const double fewer = kSamplesReference / samples;
-  return edges.median *
-         (rate == ErrorRate::kLinear ? kEdgesOfRays * std::pow(fewer, 2.0 / 3) : kEdgesOfWalks * std::cbrt(fewer));
+  return edges.median * (rate == ErrorRate::kLinear ? kEdgesOfRays : kEdgesOfWalks) * relative_time(rate, samples);
+}
+
+double smoothing_time_max(ErrorRate rate, double samples, double distance, double thickness) {
+  const double length = std::max(distance, thickness);
+  return length * length * (rate == ErrorRate::kLinear ? kDistanceOfRays : kDistanceOfWalks) *
+         relative_time(rate, samples);
 }
 
 }  // namespace barycast
