@@ -105,19 +105,23 @@ class BindingOf final : public Binding {
     return Step::kWorking;
   }
 
+  // Of the nodes. None depends on another node but by the time that is given for all.
   std::vector<double> smoothing_times() const {
     const ResolvedOptions& options = settings_.options;
     std::vector<double> times(queries_.nodes.size(), summary_.smoothing_time);
     if (options.preset == Preset::kPaper) return times;
-    for (size_t node = 0; node < times.size(); ++node)
-      times[node] = std::min(times[node], smoothing_time_max(error_rate(options), options.samples,
-                                                             estimates_[node].distance, options.thickness));
+    const double factor = smoothing_time_per_squared_distance(error_rate(options), options.samples);
+    for (size_t node = 0; node < times.size(); ++node) {
+      const double distance = std::max(estimates_[node].distance, options.thickness);
+      times[node] = std::min(times[node], factor * distance * distance);
+    }
     return times;
   }
 
   Step factor(const std::atomic<bool>& cancel) {
     const StageTimer timer(summary_.smoothing_factor_s);
-    if (summary_.smoothing_time > kSmoothingTimeLarge)
+    const std::vector<double> times = smoothing_times();
+    if (*std::max_element(times.begin(), times.end()) > kSmoothingTimeLarge)
       summary_.warnings.push_back({"smoothing_time",
                                    "denoising averages over a tenth of the cage and more, for the mesh has "
                                    "very long edges; leave them out, or set a smaller time"});
@@ -131,11 +135,11 @@ class BindingOf final : public Binding {
     if (const auto isolated = (laplacian.area.array() <= 0.0).count(); isolated > 0)
       summary_.warnings.push_back(
           {"points", std::to_string(isolated) + " positions belong to no face with area and were not denoised"});
-    auto kernel = HeatKernel::create(laplacian, smoothing_times());
+    auto kernel = HeatKernel::create(laplacian, times);
     if (!kernel) {
       // The faces are at fault, and the rows are right without them, only noisier: the summary says so.
       summary_.warnings.push_back({"faces", kernel.error().message});
-      kernel = HeatKernel::create(MeshLaplacian{{}, Eigen::VectorXd::Zero(laplacian.area.size()), 0}, {});
+      kernel = HeatKernel::create(MeshLaplacian{{}, Eigen::VectorXd::Zero(laplacian.area.size()), 0}, times);
     }
     kernel_.emplace(std::move(kernel).value());
     smoother_.emplace(cage_, finisher_, *kernel_, queries_.nodes, estimates_);

@@ -65,7 +65,7 @@ struct BindingSummary {
   uint64_t rows_on_cage = 0, rows_outside = 0, rows_few_samples = 0, rows_no_samples = 0, rows_rank_deficient = 0;
   double linear_precision_error_max = 0.0;  // |sum a_v x_v - x| / max(1, |x|), normalized frame
   double solving_s = 0.0, sampling_s = 0.0, smoothing_factor_s = 0.0, smoothing_solve_s = 0.0, rows_s = 0.0;
-  double smoothing_time = 0.0;    // as used; 0 without denoising
+  double smoothing_time = 0.0;    // the longest of any point; 0 without denoising
   std::vector<Warning> warnings;  // of the cage and of the query set
 };
 
@@ -96,8 +96,8 @@ class Binding {
 
   virtual Progress progress() const = 0;
   virtual const BindingSummary& summary() const = 0;
-  // The smoothing time in squared diagonals that is or will be used; 0 without denoising. Known from
-  // creation.
+  // The longest smoothing time, in squared diagonals, that a point is or will be given; near the cage it may be less. 0
+  // without denoising. Known from creation.
   virtual double smoothing_time() const = 0;
 
  protected:

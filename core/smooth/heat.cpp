@@ -12,14 +12,14 @@ constexpr size_t kCheckEvery = 2048;  // rows between two looks at `cancel`, wel
 // Multiplications of a factorization that cannot be interrupted: some seconds. Twelve
 // thousand points that faces connect at random exceed it; no surface of the tests comes near.
 constexpr double kFactorOperationsMax = 5e10;
-// A component of the mesh with less area than this times the smoothing time is far smaller than the
+// A component of the mesh with less area than this times its longest smoothing time is far smaller than the
 // kernel's reach; its matrix is singular to rounding. Its nodes keep their rows.
 constexpr double kComponentAreaMin = 1e-9;
 
 using Sparse = Eigen::SparseMatrix<double>;
 
 // Nodes with area, in components large enough.
-std::vector<bool> nodes_to_smooth(const MeshLaplacian& laplacian, double time) {
+std::vector<bool> nodes_to_smooth(const MeshLaplacian& laplacian, std::span<const double> times) {
   const auto count = static_cast<size_t>(laplacian.area.size());
   std::vector<uint32_t> parent(count);
   std::iota(parent.begin(), parent.end(), 0u);
@@ -30,10 +30,14 @@ std::vector<bool> nodes_to_smooth(const MeshLaplacian& laplacian, double time) {
   for (int column = 0; column < laplacian.stiffness.outerSize(); ++column)
     for (Sparse::InnerIterator it(laplacian.stiffness, column); it; ++it)
       parent[root(static_cast<uint32_t>(it.row()))] = root(static_cast<uint32_t>(column));
-  std::vector<double> area(count, 0.0);
-  for (uint32_t i = 0; i < count; ++i) area[root(i)] += laplacian.area[i];
+  std::vector<double> area(count, 0.0), time(count, 0.0);
+  for (uint32_t i = 0; i < count; ++i) {
+    area[root(i)] += laplacian.area[i];
+    time[root(i)] = std::max(time[root(i)], times[i]);
+  }
   std::vector<bool> result(count);
-  for (uint32_t i = 0; i < count; ++i) result[i] = laplacian.area[i] > 0.0 && area[root(i)] > kComponentAreaMin * time;
+  for (uint32_t i = 0; i < count; ++i)
+    result[i] = laplacian.area[i] > 0.0 && area[root(i)] > kComponentAreaMin * time[root(i)];
   return result;
 }
 
@@ -67,7 +71,7 @@ double factor_operations(const Sparse& lower) {
 Result<HeatKernel> HeatKernel::create(const MeshLaplacian& laplacian, std::span<const double> times) {
   const double time = times.empty() ? 0.0 : *std::max_element(times.begin(), times.end());
   const auto weight = [&](uint32_t node) { return laplacian.area[node] * (time > 0.0 ? time / times[node] : 1.0); };
-  const std::vector<bool> active_node = nodes_to_smooth(laplacian, time);
+  const std::vector<bool> active_node = nodes_to_smooth(laplacian, times);
   std::vector<int> row_of(active_node.size(), -1);
   std::vector<uint32_t> active;
   for (size_t i = 0; i < active_node.size(); ++i) {

@@ -21,7 +21,7 @@ class HeatKernel {
   // Columns of one solve: two cache lines per node, enough to hide the memory of the factor.
   static constexpr size_t kColumns = 16;
 
-  // times: of the nodes, positive, or 0 for all. Errors: kResourceExhausted when the factor would be far denser than a
+  // times: of every node, positive, or 0 for all. Errors: kResourceExhausted when the factor would be far denser than a
   // surface's (found before the work is done), kInternal when the matrix is not positive definite to rounding.
   static Result<HeatKernel> create(const MeshLaplacian& laplacian, std::span<const double> times);
 

@@ -72,10 +72,8 @@ double smoothing_time(const SquaredEdges& edges, ErrorRate rate, double samples)
   return edges.median * (rate == ErrorRate::kLinear ? kEdgesOfRays : kEdgesOfWalks) * relative_time(rate, samples);
 }
 
-double smoothing_time_max(ErrorRate rate, double samples, double distance, double thickness) {
-  const double length = std::max(distance, thickness);
-  return length * length * (rate == ErrorRate::kLinear ? kDistanceOfRays : kDistanceOfWalks) *
-         relative_time(rate, samples);
+double smoothing_time_per_squared_distance(ErrorRate rate, double samples) {
+  return (rate == ErrorRate::kLinear ? kDistanceOfRays : kDistanceOfWalks) * relative_time(rate, samples);
 }
 
 }  // namespace barycast

@@ -32,13 +32,13 @@ enum class ErrorRate {
 // sqrt(h^2 / t), so that the best time goes with the power 2/3 of the error.
 // differs from [SBC 4.4]: the median of the squared edges, for a few long edges, of a ground plane or of a
 // coarse part, must not blur all the others; and less smoothing where there is less noise. E at m = 50 on
-// FireHydrant, whose mean is 6 times its median: harmonic 0.0402 -> 0.0197, mean value 0.0522 -> 0.0092.
+// FireHydrant, whose mean is 6 times its median: harmonic 0.0402 -> 0.0197, mean value 0.0522 -> 0.0098.
 double smoothing_time(const SquaredEdges& edges, ErrorRate rate, double samples);
 
-// The longest time that serves a node at that distance of the cage: coordinates change over lengths like the distance,
-// and the kernel must not reach as far. At least that of a node at the thickness. It depends on no other node.
+// Times a node's squared distance from the cage, the longest time that serves it: coordinates change over lengths like
+// the distance, and the kernel must hardly reach further.
 // differs from [SBC 4.4]: one time for all blurs what is near the cage, where there is little noise. E at m = 50 on
 // FireHydrant's cage moved inwards by 0.0025: harmonic 0.1828 -> 0.0162, mean value 0.0852 -> 0.0023.
-double smoothing_time_max(ErrorRate rate, double samples, double distance, double thickness);
+double smoothing_time_per_squared_distance(ErrorRate rate, double samples);
 
 }  // namespace barycast

@@ -4,6 +4,8 @@
 
 #include "smooth/heat.h"
 #include "smooth/laplacian.h"
+#include "smooth/strength.h"
+#include "support/mean_value.h"
 #include "support/rows.h"
 
 namespace barycast {
@@ -103,9 +105,8 @@ TEST(Heat, FlowsForEveryNodesOwnTime) {
 }
 
 // RMS over points of harmonic coordinates in the box from -1 to 1, where they are trilinear.
-double error_in_box(const QueryInput& mesh, Denoise denoise) {
-  Options options;
-  options.denoise = denoise;
+double error_in_box(const QueryInput& mesh, Denoise denoise, Preset preset = Preset::kDefault) {
+  const Options options{.preset = preset, .denoise = denoise};
   const RowBlock rows = testing::bind_or_die(testing::make_index(testing::box()), mesh, options);
   double squared = 0.0;
   for (size_t i = 0; i < rows.row_count(); ++i) {
@@ -124,15 +125,85 @@ TEST(Smoothing, HalvesTheNoise) {
   EXPECT_LT(error_in_box(mesh, Denoise::kMesh), 0.5 * error_in_box(mesh, Denoise::kNone));
 }
 
-// Where the mesh is coarser than its distance from the cage, coordinates change from node to node, and there is little
-// noise. One time for all nodes makes the error nine times that of the samples.
-TEST(Smoothing, KeepsWhatIsNearTheCage) {
+// A sphere's mesh moved onto a box within the one from -1 to 1.
+QueryInput mesh_along_the_box(double size) {
   QueryInput mesh = testing::mesh_of(testing::sphere(16, 1.0));
   for (size_t i = 0; i < mesh.points.size(); i += 3) {
     Eigen::Map<Vec<3>> x(mesh.points.data() + i);
-    x *= 0.98 / x.lpNorm<Eigen::Infinity>();
+    x *= size / x.lpNorm<Eigen::Infinity>();
   }
-  EXPECT_LT(error_in_box(mesh, Denoise::kMesh), 1.1 * error_in_box(mesh, Denoise::kNone));
+  return mesh;
+}
+
+// Where the mesh is coarser than its distance from the cage, coordinates change from node to node, and there is little
+// noise. One time for all nodes, as the paper has it, makes the error nine times that of the samples.
+TEST(Smoothing, KeepsWhatIsNearTheCage) {
+  const QueryInput mesh = mesh_along_the_box(0.98);
+  const double raw = error_in_box(mesh, Denoise::kNone);
+  EXPECT_LT(error_in_box(mesh, Denoise::kMesh), 1.1 * raw);
+  EXPECT_GT(error_in_box(mesh, Denoise::kMesh, Preset::kPaper), 5 * raw);
+}
+
+TEST(Smoothing, KeepsMeanValuesNearTheCage) {
+  const auto index = testing::make_index(testing::triangulated(testing::box()));
+  const QueryInput mesh = mesh_along_the_box(0.98);
+  const auto bind = [&](Denoise denoise, Estimator estimator) {
+    return testing::bind_or_die(
+        index, mesh, {.coordinates = CoordinateKind::kMeanValue, .estimator = estimator, .denoise = denoise});
+  };
+  const RowBlock exact = bind(Denoise::kAuto, Estimator::kExact);
+  const auto error = [&](const RowBlock& rows) {
+    double squared = 0.0;
+    for (size_t i = 0; i < rows.row_count(); ++i) {
+      const auto row = testing::dense_row(rows, i, 8), expected = testing::dense_row(exact, i, 8);
+      for (size_t v = 0; v < 8; ++v) squared += std::pow(row[v] - expected[v], 2);
+    }
+    return std::sqrt(squared / double(rows.row_count()));
+  };
+  EXPECT_LT(error(bind(Denoise::kMesh, Estimator::kSampling)), 1.3 * error(bind(Denoise::kNone, Estimator::kSampling)));
+}
+
+// Shards that pass one time smooth alike: what else is in the set does not matter to a component.
+TEST(Smoothing, TimesDependOnNoOtherPoint) {
+  const auto index = testing::make_index(testing::box());
+  QueryInput mesh = testing::mesh_of(testing::sphere(16, 0.5));
+  const Options options{.smoothing_time = 1e-3};
+  const RowBlock alone = testing::bind_or_die(index, mesh, options);
+  const auto count = static_cast<uint32_t>(mesh.points.size() / 3);
+  const QueryInput near = mesh_along_the_box(0.98);
+  mesh.points.insert(mesh.points.end(), near.points.begin(), near.points.end());
+  for (size_t f = 0; f + 1 < near.face_offsets.size(); ++f) {
+    for (uint32_t c = near.face_offsets[f]; c < near.face_offsets[f + 1]; ++c)
+      mesh.face_corners.push_back(count + near.face_corners[c]);
+    mesh.face_offsets.push_back(static_cast<uint32_t>(mesh.face_corners.size()));
+  }
+  const RowBlock both = testing::bind_or_die(index, mesh, options);
+  for (size_t i = 0; i < count; ++i) {
+    const auto a = testing::dense_row(alone, i, 8), b = testing::dense_row(both, i, 8);
+    for (size_t v = 0; v < 8; ++v) EXPECT_NEAR(a[v], b[v], 1e-12);
+  }
+}
+
+// A mesh with long edges: next to the cage nothing is averaged over any length.
+TEST(Smoothing, WarnsOfALongReachOnlyWhereThereIsOne) {
+  const auto warned = [](double size) {
+    const testing::Shape mesh = testing::box().mapped([&](const auto& x) { return size * x; });
+    BindingSummary summary;
+    testing::bind_or_die(testing::make_index(testing::box()), testing::mesh_of(mesh), {}, &summary);
+    return std::any_of(summary.warnings.begin(), summary.warnings.end(),
+                       [](const Warning& warning) { return warning.field == "smoothing_time"; });
+  };
+  EXPECT_TRUE(warned(0.15));
+  EXPECT_FALSE(warned(0.99));
+}
+
+TEST(Smoothing, TimeNearTheCageFollowsSamples) {
+  const auto walks = ErrorRate::kSquareRoot, rays = ErrorRate::kLinear;
+  EXPECT_NEAR(smoothing_time_per_squared_distance(walks, 50), 0.2, 1e-15);
+  EXPECT_NEAR(smoothing_time_per_squared_distance(walks, 400), 0.1, 1e-15);
+  EXPECT_NEAR(smoothing_time_per_squared_distance(rays, 50), 0.05, 1e-15);
+  EXPECT_NEAR(smoothing_time_per_squared_distance(rays, 400), 0.05 / 16, 1e-15);
+  EXPECT_NEAR(smoothing_time_per_squared_distance(rays, 16), 0.05 * std::cbrt(3.125 * 3.125), 1e-15);
 }
 
 TEST(Smoothing, KeepsThePointsOnTheCage) {
