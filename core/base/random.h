@@ -46,10 +46,17 @@ class QueryRandom {
  public:
   QueryRandom(uint64_t seed, uint64_t key) : seed_(seed), key_(key) {}
 
+  uint64_t seed() const { return seed_; }
+  uint64_t key() const { return key_; }
+
+  // 128 random bits.
+  std::array<uint32_t, 4> bits(uint32_t walk, uint32_t step) const {
+    return philox({static_cast<uint32_t>(key_), static_cast<uint32_t>(key_ >> 32), walk, step}, seed_);
+  }
   // Two uniform numbers in [0, 1) with 53 random bits each.
   std::array<double, 2> pair(uint32_t walk, uint32_t step) const {
-    const auto bits = philox({static_cast<uint32_t>(key_), static_cast<uint32_t>(key_ >> 32), walk, step}, seed_);
-    return {unit(bits[0], bits[1]), unit(bits[2], bits[3])};
+    const auto b = bits(walk, step);
+    return {unit(b[0], b[1]), unit(b[2], b[3])};
   }
 
  private:

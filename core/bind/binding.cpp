@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <optional>
+#include <span>
 
 #include "base/workspace.h"
 #include "bind/block_builder.h"
@@ -30,7 +31,7 @@ Sampler<D> make_sampler(const ResolvedOptions& options, const CageStructures<D>&
   return HarmonicWalks<D>(*structures.distance, {.walks = options.samples,
                                                  .thickness = options.thickness,
                                                  .walk_steps_max = options.walk_steps_max,
-                                                 .run_on = !paper});
+                                                 .as_printed = paper});
 }
 
 ErrorRate error_rate(const ResolvedOptions& options) {
@@ -61,6 +62,7 @@ class BindingOf final : public Binding {
                           .influences_max = settings.options.influences_max}),
         blocks_(settings_, cage_.frame().diagonal),
         quantum_(1000 / settings.options.samples),  // a point costs microseconds per sample
+        points_per_task_(points_per_task(settings.options.samples)),
         workspaces_([this] { return typename PointEstimator<D>::Workspace(cage_); }) {
     summary_.warnings.assign(cage_.warnings().begin(), cage_.warnings().end());
     summary_.warnings.insert(summary_.warnings.end(), queries_.warnings.begin(), queries_.warnings.end());
@@ -93,10 +95,10 @@ class BindingOf final : public Binding {
   Step sample_nodes(const std::atomic<bool>& cancel) {
     const StageTimer timer(summary_.sampling_s);
     const size_t count = std::min(quantum_.size(), queries_.nodes.size() - nodes_sampled_);
-    const bool complete = quantum_.run(count, kPointsPerTask, cancel, [&](size_t begin, size_t end) {
-      for (size_t node = nodes_sampled_ + begin; node < nodes_sampled_ + end; ++node)
-        if (!estimator_.estimate(queries_.nodes[node], cancel, workspaces_.local(), estimates_[node])) return false;
-      return true;
+    const bool complete = quantum_.run(count, points_per_task_, cancel, [&](size_t begin, size_t end) {
+      const size_t first = nodes_sampled_ + begin;
+      return estimator_.estimate(std::span(queries_.nodes).subspan(first, end - begin), cancel, workspaces_.local(),
+                                 std::span(estimates_).subspan(first, end - begin));
     });
     if (!complete) return Step::kCancelled;
     for (size_t i = 0; i < count; ++i) add_counts(estimates_[nodes_sampled_ + i].counts, summary_);
@@ -156,39 +158,39 @@ class BindingOf final : public Binding {
     return Step::kWorking;
   }
 
-  // Finishes the row of one point, from its smoothed entries or from its own samples.
-  bool finish_row(size_t point, const std::atomic<bool>& cancel, FinishedRow<D>& row) {
-    const Vec<D>& x = queries_.points[point];
-    if (smoothed()) {
-      const uint32_t node = queries_.node_of_point[point];
-      row.entries = smoother_->row(node);
-      row.flags = estimates_[node].flags;
-    } else {
-      PointEstimate<D> estimate;
-      if (!estimator_.estimate(x, cancel, workspaces_.local(), estimate)) return false;
-      finisher_.evaluate(estimate.projected, x, row.entries);
-      row.flags = estimate.flags;
-      row.counts = estimate.counts;
+  // Finishes the rows of some points, from their smoothed entries or from their own samples.
+  bool finish_rows(size_t first, const std::atomic<bool>& cancel, std::span<FinishedRow<D>> rows) {
+    std::vector<PointEstimate<D>> own;
+    const std::span<const Vec<D>> points = std::span(queries_.points).subspan(first, rows.size());
+    if (!smoothed()) {
+      own.resize(rows.size());
+      if (!estimator_.estimate(points, cancel, workspaces_.local(), own)) return false;
     }
-    row.error = finisher_.finish(x, row.entries);
+    for (size_t i = 0; i < rows.size(); ++i) {
+      FinishedRow<D>& row = rows[i];
+      if (smoothed()) {
+        const uint32_t node = queries_.node_of_point[first + i];
+        row.entries = smoother_->row(node);
+        row.flags = estimates_[node].flags;
+      } else {
+        finisher_.evaluate(own[i].projected, points[i], row.entries);
+        row.flags = own[i].flags;
+        row.counts = own[i].counts;
+      }
+      row.error = finisher_.finish(points[i], row.entries);
+    }
     return true;
   }
 
   Step make_rows(const std::atomic<bool>& cancel) {
     const StageTimer timer(smoothed() ? summary_.rows_s : summary_.sampling_s);
     const Step step = blocks_.advance(
-        queries_.points.size(), quantum_, kPointsPerTask, cancel,
-        [&](size_t first, std::span<FinishedRow<D>> rows) {
-          for (size_t i = 0; i < rows.size(); ++i)
-            if (!finish_row(first + i, cancel, rows[i])) return false;
-          return true;
-        },
-        block_, summary_);
+        queries_.points.size(), quantum_, points_per_task_, cancel,
+        [&](size_t first, std::span<FinishedRow<D>> rows) { return finish_rows(first, cancel, rows); }, block_,
+        summary_);
     progress_.done = blocks_.next_row();
     return step;
   }
-
-  static constexpr size_t kPointsPerTask = 4;
 
   std::shared_ptr<const CageIndex> index_;  // keeps cage_ alive
   const Cage<D>& cage_;
@@ -198,6 +200,7 @@ class BindingOf final : public Binding {
   RowFinisher<D> finisher_;
   BlockBuilder<D> blocks_;
   Quantum quantum_;
+  const size_t points_per_task_;
   PerThread<typename PointEstimator<D>::Workspace> workspaces_;
 
   std::vector<PointEstimate<D>> estimates_;  // of the nodes; with denoising only

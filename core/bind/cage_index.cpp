@@ -15,7 +15,7 @@ Result<CageIndex::Structures> build(const CageInput& input) {
   if (!cage) return cage.error();
   auto structures =
       std::unique_ptr<CageStructures<D>>(new CageStructures<D>{std::move(cage).value(), nullptr, nullptr, nullptr});
-  auto distance = make_embree_distance_index<D>(structures->cage);
+  auto distance = make_distance_grid<D>(structures->cage);
   if (!distance) return distance.error();
   structures->distance = std::move(distance).value();
   auto lines = make_embree_line_index<D>(structures->cage);

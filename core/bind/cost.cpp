@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "base/tolerances.h"
+#include "bind/quantum.h"
 #include "estimate/point_estimator.h"
 #include "estimate/row.h"
 #include "smooth/heat.h"
@@ -120,15 +121,20 @@ class Model {
 
  private:
   static constexpr double kPosition = sizeof(Vec<D>);
+  static constexpr double kWalk = 48.0;  // one under way
+  // Samples that room is made for, by walk or ray.
+  double ends() const { return options_.coordinates == CoordinateKind::kHarmonic ? 1.0 : 2.0; }
   static constexpr double kChunk = 16.0;  // what malloc adds to a piece, rounding included
   // Edges, Laplacian and matrix per point, the ordering's workspace, and twice the factor: Eigen's and ours.
   static constexpr double kFactorizationBytes = 410.0, kFactorEntryBytes = 23.2;
 
   double vertices() const { return static_cast<double>(size_.control_vertices); }
 
-  // Of every thread: moments of all control vertices, samples, and a row twice while it is pruned.
+  // Of every thread: moments of all control vertices, samples, walks, and a row twice while it is pruned.
   double constant() const {
-    const double thread = vertices() * (sizeof(Vec<D + 1>) + 8.0) + options_.samples * 2.0 * sizeof(Sample<D>) +
+    const double together = options_.samples == 0 ? 0.0 : static_cast<double>(points_per_task(options_.samples));
+    const double thread = vertices() * (sizeof(Vec<D + 1>) + 8.0) +
+                          options_.samples * (ends() * together * sizeof(Sample<D>) + kWalk) +
                           2.0 * grown(vertices()) * sizeof(RowEntry<D>) + 24'000.0;
     return 64'000.0 + static_cast<double>(size_.threads) * thread;
   }

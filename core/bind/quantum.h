@@ -7,10 +7,17 @@
 #include <atomic>
 #include <chrono>
 #include <cstddef>
+#include <cstdint>
 
 #include "base/parallel.h"
 
 namespace barycast {
+
+// How many points a task samples together: enough to fill vectors with their walks, few enough that the samples fit a
+// near cache and a piece of work stays small.
+inline size_t points_per_task(uint32_t samples) {
+  return std::clamp<size_t>(2048 / samples, 1, 64);
+}
 
 // Adds the life time of the object to `seconds`.
 class StageTimer {
@@ -42,7 +49,7 @@ class Quantum {
     std::atomic<bool> complete = true;
     {
       const StageTimer timer(seconds);
-      parallel_for(count, count < grain * parallel_width() ? 1 : grain, [&](size_t begin, size_t end) {
+      parallel_for(count, std::clamp<size_t>(count / parallel_width(), 1, grain), [&](size_t begin, size_t end) {
         if (!complete.load(std::memory_order_relaxed) || !body(begin, end)) complete = false;
       });
     }

@@ -41,8 +41,9 @@ Vec<D> PointEstimator<D>::shifted(const Vec<D>& x, const CagePoint<D>& closest) 
 }
 
 template <int D>
-void PointEstimator<D>::project(const Vec<D>& x, Workspace& workspace, Projected<D>& out) const {
-  const std::vector<Sample<D>>& samples = workspace.samples.samples;
+void PointEstimator<D>::project(const Vec<D>& x, const SampleSet<D>& set, Workspace& workspace,
+                                Projected<D>& out) const {
+  const std::vector<Sample<D>>& samples = set.samples;
   workspace.accumulator.accumulate(samples, Weights::kAsGiven, workspace.moments);
   if (!workspace.moments.is_signed) return projection_.project(workspace.moments, settings_.pseudo_samples, out);
   const auto amplification = projection_.amplification(workspace.moments, x);
@@ -58,33 +59,43 @@ void PointEstimator<D>::project(const Vec<D>& x, Workspace& workspace, Projected
 }
 
 template <int D>
-bool PointEstimator<D>::estimate(const Vec<D>& x, const std::atomic<bool>& cancel, Workspace& workspace,
-                                 PointEstimate<D>& out) const {
-  CagePoint<D> closest = distance_.closest(x);
+SampleQuery<D> PointEstimator<D>::locate(const Vec<D>& x, PointEstimate<D>& out) const {
+  const CagePoint<D> closest = distance_.closest(x);
   out.flags = 0;
   out.distance = closest.distance;
   out.on_cage.reset();
   const bool tie = closest.distance <= kTie * settings_.thickness;
   if (!tie && !winding_.inside(x)) out.flags |= kRowOutside;
-  Vec<D> origin = x;
-  double radius = closest.distance;
+  SampleQuery<D> query{x, closest.distance, QueryRandom(settings_.seed, position_key<D>(x))};
   if (closest.distance < settings_.thickness) {
     out.flags |= kRowOnCage;
     out.on_cage = closest;
-    origin = shifted(x, closest);
-    radius = distance_.closest(origin).distance;
+    query.origin = shifted(x, closest);
+    query.radius = distance_.closest(query.origin).distance;
   }
-  const QueryRandom random(settings_.seed, position_key<D>(x));
+  return query;
+}
+
+template <int D>
+bool PointEstimator<D>::estimate(std::span<const Vec<D>> points, const std::atomic<bool>& cancel, Workspace& workspace,
+                                 std::span<PointEstimate<D>> out) const {
+  workspace.queries.clear();
+  for (size_t i = 0; i < points.size(); ++i) workspace.queries.push_back(locate(points[i], out[i]));
+  if (workspace.samples.size() < points.size()) workspace.samples.resize(points.size());
   const bool complete = std::visit(
-      [&](const auto& sampler) { return sampler.sample(origin, radius, random, cancel, workspace.samples); }, sampler_);
+      [&](const auto& sampler) { return sampler.sample(workspace.queries, cancel, workspace.samples); }, sampler_);
   if (!complete) return false;
 
-  project(x, workspace, out.projected);
-  out.counts = workspace.samples.counts;
-  if (workspace.samples.samples.size() < kSamplesFew) out.flags |= kRowFewSamples;
-  if (workspace.samples.samples.empty()) out.flags |= kRowNoSamples;
-  if (out.projected.singular) out.flags |= kRowRankDeficient;
-  if (out.on_cage) projection_.pin(*out.on_cage, out.projected);
+  for (size_t i = 0; i < points.size(); ++i) {
+    const SampleSet<D>& set = workspace.samples[i];
+    PointEstimate<D>& estimate = out[i];
+    project(points[i], set, workspace, estimate.projected);
+    estimate.counts = set.counts;
+    if (set.samples.size() < kSamplesFew) estimate.flags |= kRowFewSamples;
+    if (set.samples.empty()) estimate.flags |= kRowNoSamples;
+    if (estimate.projected.singular) estimate.flags |= kRowRankDeficient;
+    if (estimate.on_cage) projection_.pin(*estimate.on_cage, estimate.projected);
+  }
   return true;
 }
 

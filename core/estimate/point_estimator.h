@@ -1,12 +1,13 @@
 #pragma once
 
-// One query point, from position to linear fits: closest point, samples, moments, projection. The
+// Query points, from position to linear fits: closest point, samples, moments, projection. The
 // sampling strategy is a closed set, chosen once per binding; a new kind of coordinates is one more
 // alternative here and one file in `sample`.
 
 #include <atomic>
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <variant>
 
 #include "estimate/moments.h"
@@ -42,25 +43,29 @@ class PointEstimator {
   PointEstimator(const Cage<D>& cage, const DistanceIndex<D>& distance, const WindingNumber<D>& winding,
                  Sampler<D> sampler, const Settings& settings);
 
-  // Memory that one task reuses from point to point.
+  // Memory that one task reuses from points to points.
   struct Workspace {
     explicit Workspace(const Cage<D>& cage) : accumulator(cage) {}
     MomentAccumulator<D> accumulator;
     Moments<D> moments;
-    SampleSet<D> samples;
+    std::vector<SampleQuery<D>> queries;
+    std::vector<SampleSet<D>> samples;
   };
 
-  // A function of x (normalized frame), the seed and the settings alone. False: `cancel` was seen set.
-  // Const and thread-safe, a workspace per thread.
-  bool estimate(const Vec<D>& x, const std::atomic<bool>& cancel, Workspace& workspace, PointEstimate<D>& out) const;
+  // Estimates of some points (normalized frame): each a function of its position, the seed and the settings alone;
+  // samplers are faster on many. False: `cancel` was seen set. Const and thread-safe, a workspace per thread.
+  bool estimate(std::span<const Vec<D>> points, const std::atomic<bool>& cancel, Workspace& workspace,
+                std::span<PointEstimate<D>> out) const;
 
   const Projection<D>& projection() const { return projection_; }
 
  private:
+  // Where x is with respect to the cage, and where its samples start from.
+  SampleQuery<D> locate(const Vec<D>& x, PointEstimate<D>& out) const;
   Vec<D> shifted(const Vec<D>& x, const CagePoint<D>& closest) const;
   // Signed weights do without pseudo-samples; where they amplify noise too much (in the paper preset: where rounding
   // would be seen), their magnitudes with pseudo-samples replace them.
-  void project(const Vec<D>& x, Workspace& workspace, Projected<D>& out) const;
+  void project(const Vec<D>& x, const SampleSet<D>& samples, Workspace& workspace, Projected<D>& out) const;
 
   const Cage<D>& cage_;
   const DistanceIndex<D>& distance_;

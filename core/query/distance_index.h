@@ -7,7 +7,6 @@
 #include <array>
 #include <cstdint>
 #include <memory>
-#include <span>
 
 #include "cage/cage.h"
 
@@ -22,6 +21,14 @@ struct CagePoint {
   Vec<D> point;                  // y = sum share_i corner_i
 };
 
+// Positions of walks, in floats, an array for each coordinate (z is 0 in the plane). The arrays are padded: vectors of
+// kWalkLanes starting at any multiple of it may be read.
+struct WalkPositions {
+  const float *x, *y, *z;
+  size_t count;
+};
+inline constexpr size_t kWalkLanes = 16;
+
 template <int D>
 class DistanceIndex {
  public:
@@ -30,10 +37,14 @@ class DistanceIndex {
   // The closest point, decided in double.
   virtual CagePoint<D> closest(const Vec<D>& x) const = 0;
 
-  // Radii of balls around points that contain no point of the cage: never more than the distance, and
-  // as good as half of it. hints[i] carries what the engine found for the walk's last position to its
-  // next one; kNoHint to begin with. Hints never change an answer.
-  virtual void free_radii(std::span<const Vec<D>> points, std::span<uint32_t> hints, std::span<double> radii) const = 0;
+  // A point of the cage, for walks to end at: its distance is more than that of the closest by `tolerance` at most.
+  virtual CagePoint<D> near(const Vec<D>& x, double tolerance) const = 0;
+
+  // Radii of balls around positions that contain no point of the cage: never more than the distance, and as good as
+  // half of it where that is more than some thousandths of the diagonal; radii[i] below it may be 0. hints[i] carries
+  // what the engine found for the walk's last position to its next one; kNoHint to begin with. Hints never change an
+  // answer. `hints` and `radii` are padded as positions are.
+  virtual void free_radii(const WalkPositions& at, uint32_t* hints, float* radii) const = 0;
 
   virtual size_t bytes() const = 0;
 };
@@ -50,5 +61,12 @@ Status check_distance_index(const Cage<D>& cage);
 // Errors: those of check_distance_index, kInternal when Embree fails.
 template <int D>
 Result<std::unique_ptr<const DistanceIndex<D>>> make_embree_distance_index(const Cage<D>& cage);
+
+// The engine of choice: an octree over the cage and its surroundings, flattened to lattices of cells that name the
+// triangles which may be nearest; radii come in vectors, many walks at a time (grid_builder.h). What lies in no cell,
+// or far from everything, is left to Embree. Builds in some milliseconds for hundreds of elements.
+// Errors: those of make_embree_distance_index.
+template <int D>
+Result<std::unique_ptr<const DistanceIndex<D>>> make_distance_grid(const Cage<D>& cage);
 
 }  // namespace barycast

@@ -198,18 +198,22 @@ std::vector<PatchWindow> patch_windows(int cuts) {
 }
 
 ElementPoint<3> closest_on_patch(const Vec<3>& x, const BilinearPatch& patch, const PatchWindow& window) {
+  const BilinearPatch part = window.size == 1.0 ? patch : patch.part(window);
+  const auto lower = closest_on_triangle(x, part.corner[0], part.corner[1], part.corner[2]);
+  const auto upper = closest_on_triangle(x, part.corner[0], part.corner[2], part.corner[3]);
+  const bool in_lower = lower.distance_squared <= upper.distance_squared;
+  const double u = window.u + window.size * (in_lower ? lower.shares[1] + lower.shares[2] : upper.shares[1]);
+  const double v = window.v + window.size * (in_lower ? lower.shares[2] : upper.shares[1] + upper.shares[2]);
+  return closest_on_patch(x, patch, window, u, v);
+}
+
+ElementPoint<3> closest_on_patch(const Vec<3>& x, const BilinearPatch& patch, const PatchWindow& window, double u,
+                                 double v) {
   // q(u, v) = origin + u a + v b + u v twist
   const Vec<3> a = patch.corner[1] - patch.corner[0], b = patch.corner[3] - patch.corner[0];
   const Vec<3> twist = patch.corner[2] - patch.corner[3] - a;
   const Vec<3> from_x = patch.corner[0] - x;
   const double u0 = window.u, v0 = window.v, u1 = u0 + window.size, v1 = v0 + window.size;
-
-  const BilinearPatch part = window.size == 1.0 ? patch : patch.part(window);
-  const auto lower = closest_on_triangle(x, part.corner[0], part.corner[1], part.corner[2]);
-  const auto upper = closest_on_triangle(x, part.corner[0], part.corner[2], part.corner[3]);
-  const bool in_lower = lower.distance_squared <= upper.distance_squared;
-  double u = u0 + window.size * (in_lower ? lower.shares[1] + lower.shares[2] : upper.shares[1]);
-  double v = v0 + window.size * (in_lower ? lower.shares[2] : upper.shares[1] + upper.shares[2]);
 
   // With one parameter fixed the patch is a line in the other: exact one-dimensional minima.
   const auto best_u = [&](double at_v) {

@@ -96,5 +96,8 @@ std::vector<PatchWindow> patch_windows(int cuts);
 // differs from [SBC App. B]: alternating projections converge linearly on skewed patches; Newton needs
 // about three iterations, and falls back to the alternation where a bound is active.
 ElementPoint<3> closest_on_patch(const Vec<3>& x, const BilinearPatch& patch, const PatchWindow& window);
+// From parameters near the closest point, as one of the two triangles gives them.
+ElementPoint<3> closest_on_patch(const Vec<3>& x, const BilinearPatch& patch, const PatchWindow& window, double u,
+                                 double v);
 
 }  // namespace barycast

@@ -67,6 +67,10 @@ std::vector<Facet<D>> make_facets(const Cage<D>& cage) {
   return facets;
 }
 
+float rounded_down(double radius) {
+  return static_cast<float>(radius * (1 - 1e-7));
+}
+
 // Float radius that covers a double one: Embree works in floats, and its query point is rounded.
 float covering_radius(double radius, double reach) {
   return static_cast<float>(radius * (1 + 1e-5) + 1e-6 * (1 + reach));
@@ -95,17 +99,23 @@ class EmbreeDistance final : public DistanceIndex<D> {
             search.best.point};
   }
 
-  void free_radii(std::span<const Vec<D>> points, std::span<uint32_t> hints, std::span<double> radii) const override {
-    for (size_t i = 0; i < points.size(); ++i) {
-      RadiusSearch search{this, points[i], points[i].norm(), std::numeric_limits<double>::infinity(), hints[i]};
+  CagePoint<D> near(const Vec<D>& x, double /*tolerance*/) const override { return closest(x); }
+
+  void free_radii(const WalkPositions& at, uint32_t* hints, float* radii) const override {
+    for (size_t i = 0; i < at.count; ++i) {
+      Vec<D> x;
+      x[0] = at.x[i];
+      x[1] = at.y[i];
+      if constexpr (D == 3) x[2] = at.z[i];
+      RadiusSearch search{this, x, x.norm(), std::numeric_limits<double>::infinity(), hints[i]};
       float radius = std::numeric_limits<float>::infinity();
       if (hints[i] != kNoHint) {
-        search.radius = lower_bound(facets_[hints[i]], points[i]);
+        search.radius = lower_bound(facets_[hints[i]], x);
         radius = search.cover();
       }
-      run(points[i], radius, visit_radius, &search);
+      run(x, radius, visit_radius, &search);
       hints[i] = search.facet;
-      radii[i] = search.radius;
+      radii[i] = rounded_down(search.radius);
     }
   }
 

@@ -107,11 +107,16 @@ bool RaySamples<D>::sample_as_printed(const Vec<D>& origin, const QueryRandom& r
 }
 
 template <int D>
-bool RaySamples<D>::sample(const Vec<D>& origin, double /*origin_radius*/, const QueryRandom& random,
-                           const std::atomic<bool>& cancel, SampleSet<D>& out) const {
-  out.clear();
-  return settings_.as_printed ? sample_as_printed(origin, random, cancel, out)
-                              : sample_lattice(origin, random, cancel, out);
+bool RaySamples<D>::sample(std::span<const SampleQuery<D>> queries, const std::atomic<bool>& cancel,
+                           std::span<SampleSet<D>> out) const {
+  for (size_t i = 0; i < queries.size(); ++i) {
+    const SampleQuery<D>& query = queries[i];
+    out[i].clear();
+    const bool complete = settings_.as_printed ? sample_as_printed(query.origin, query.random, cancel, out[i])
+                                               : sample_lattice(query.origin, query.random, cancel, out[i]);
+    if (!complete) return false;
+  }
+  return true;
 }
 
 template class RaySamples<2>;

@@ -10,6 +10,7 @@
 // Cost: one line query per two rays (per ray outside). Const and thread-safe.
 
 #include <atomic>
+#include <span>
 
 #include "base/random.h"
 #include "query/line_index.h"
@@ -30,10 +31,10 @@ class RaySamples {
  public:
   RaySamples(const Cage<D>& cage, const LineIndex<D>& lines, const RaySettings& settings);
 
-  // Fills `out` with the samples of one query, ray by ray, outwards. Distances are measured from `origin`,
-  // which is not on the cage. False: `cancel` was seen set, and `out` is incomplete.
-  bool sample(const Vec<D>& origin, double origin_radius, const QueryRandom& random, const std::atomic<bool>& cancel,
-              SampleSet<D>& out) const;
+  // Fills `out` with the samples of each query, ray by ray, outwards. Distances are measured from its origin.
+  // False: `cancel` was seen set, and `out` is incomplete.
+  bool sample(std::span<const SampleQuery<D>> queries, const std::atomic<bool>& cancel,
+              std::span<SampleSet<D>> out) const;
 
  private:
   bool sample_lattice(const Vec<D>& origin, const QueryRandom& random, const std::atomic<bool>& cancel,

@@ -1,16 +1,25 @@
 #pragma once
 
 // What every sampling strategy produces: weighted points of the cage [SBC 4.3]. A strategy is one file
-// of this folder with one class, which fills a SampleSet for one query point; it is chosen once per
-// binding (a variant), never per sample.
+// of this folder with one class, which fills a SampleSet for each of some query points; it is chosen once
+// per binding (a variant), never per sample. How many points come together changes nothing but speed.
 
 #include <array>
 #include <cstdint>
 #include <vector>
 
+#include "base/random.h"
 #include "base/vector.h"
 
 namespace barycast {
+
+// A query point as strategies see it.
+template <int D>
+struct SampleQuery {
+  Vec<D> origin;  // not on the cage
+  double radius;  // around it, free of the cage
+  QueryRandom random;
+};
 
 enum class SampleEnd : uint8_t {
   kArrived,  // within the thickness of the cage

@@ -2,139 +2,223 @@
 
 #include <array>
 #include <cmath>
+#include <limits>
+#include <numeric>
+#include <vector>
 
 #include "base/tolerances.h"
 #include "sample/directions.h"
+#include "sample/walk_lanes.h"
 
 namespace barycast {
 namespace {
 
-// Walks advance together in batches, so that a distance engine sees many points at once; the size
-// changes nothing but speed.
-constexpr uint32_t kBatch = 64;
+// Walks under way at a time, at least, while there are queries left: enough that vectors stay full when single walks go
+// on and on, and little enough for the nearest cache.
+constexpr size_t kPoolWalks = 320;
 // Without re-entry a walk this far out comes back with a probability of 1e-6: it is discarded.
 constexpr double kEscapeRadius = 1e6;
 
+// Walks may arrive this part of the thickness early or late, and end that far from their closest point: where a walk
+// ends within the thickness is as good as chance.
+constexpr double kArrivalTolerance = 0.5;
+
+// A number in [0, 1).
+double unit(uint32_t bits) {
+  return bits * 0x1p-32;
+}
+
+float rounded_down(double radius) {
+  return static_cast<float>(radius * (1 - 1e-7));
+}
+
 }  // namespace
 
+// The walks under way: those of a query in a row, in the order of walks.
 template <int D>
-struct HarmonicWalks<D>::Batch {
-  uint32_t first_walk = 0;
-  uint32_t active = 0;  // the walks still under way are the first `active` of the arrays below
-  std::array<Vec<D>, kBatch> position;
-  std::array<double, kBatch> radius;  // free of the cage; 0: not known yet
-  std::array<double, kBatch> weight;
-  std::array<uint32_t, kBatch> hint;
-  std::array<uint32_t, kBatch> steps;
-  std::array<uint32_t, kBatch> slot;       // the walk's index in the batch
-  std::array<Sample<D>, kBatch> sample;    // by slot
-  std::array<bool, kBatch> ended_on_cage;  // by slot
+struct HarmonicWalks<D>::Pool {
+  struct Group {
+    size_t query;
+    size_t begin, count;  // of its walks in the arrays
+    uint32_t step;        // that they are about to take
+  };
+  std::span<const SampleQuery<D>> queries;
+  std::span<SampleSet<D>> out;
+  std::vector<Group> groups;
+  size_t count = 0;
+  std::vector<float> x, y, z, radius, weight;
+  std::vector<uint32_t> walk, hint, rank, first, second, marked, kept;
 
-  void start(uint32_t first, uint32_t count, const Vec<D>& origin, double origin_radius) {
-    first_walk = first;
-    active = count;
-    for (uint32_t i = 0; i < count; ++i) {
-      position[i] = origin;
-      radius[i] = origin_radius;
-      weight[i] = 1.0;
-      hint[i] = kNoHint;
-      steps[i] = 0;
-      slot[i] = i;
-      ended_on_cage[i] = false;
+  WalkArrays arrays() { return {x.data(), y.data(), z.data(), radius.data(), weight.data(), walk.data(), hint.data()}; }
+
+  // Room for `walks`. Vectors read beyond the end, and write there.
+  Pool(std::span<const SampleQuery<D>> of, std::span<SampleSet<D>> into, size_t walks) : queries(of), out(into) {
+    const size_t size = walks + 2 * kWalkLanes;
+    for (auto* array : {&x, &y, &z, &radius, &weight}) array->resize(size);
+    for (auto* array : {&walk, &hint, &rank, &first, &second, &marked, &kept}) array->resize(size);
+  }
+
+  // The first float position of a walk from the query, and all of its walks there.
+  void add(size_t query, uint32_t walks) {
+    groups.push_back({query, count, walks, 0});
+    const Vec<D>& origin = queries[query].origin;
+    for (uint32_t i = 0; i < walks; ++i, ++count) {
+      set_position(count, origin);
+      radius[count] = rounded_down(queries[query].radius);
+      weight[count] = 1.0f;
+      walk[count] = i;
+      hint[count] = kNoHint;
     }
+    out[query].clear();
+    out[query].counts.started = walks;
+    out[query].samples.resize(walks);  // of weight 0: none yet
   }
-  void end(uint32_t i, const CagePoint<D>& at, SampleEnd how) {
-    sample[slot[i]] = {at.point, weight[i], at.shares, at.element, how};
-    ended_on_cage[slot[i]] = true;
-    remove(i);
+
+  Vec<D> position(size_t i) const {
+    Vec<D> p;
+    p[0] = x[i];
+    p[1] = y[i];
+    if constexpr (D == 3) p[2] = z[i];
+    return p;
   }
-  void remove(uint32_t i) {
-    --active;
-    position[i] = position[active];
-    radius[i] = radius[active];
-    weight[i] = weight[active];
-    hint[i] = hint[active];
-    steps[i] = steps[active];
-    slot[i] = slot[active];
+  void set_position(size_t i, const Vec<D>& p) {
+    x[i] = static_cast<float>(p[0]);
+    y[i] = static_cast<float>(p[1]);
+    z[i] = 0.0f;
+    if constexpr (D == 3) z[i] = static_cast<float>(p[2]);
+  }
+  Group& group_of(size_t i) {
+    return *(std::upper_bound(groups.begin(), groups.end(), i,
+                              [](size_t at, const Group& group) { return at < group.begin; }) -
+             1);
+  }
+  void end(size_t i, const CagePoint<D>& at, SampleEnd how) {
+    out[group_of(i).query].samples[walk[i]] = {at.point, weight[i], at.shares, at.element, how};
+    kept[i] = 0;
+  }
+
+  // Closes the gaps of walks that ended, and the groups that have none left.
+  void compact() {
+    for (Group& group : groups) {
+      size_t left = 0;
+      for (size_t i = group.begin; i < group.begin + group.count; ++i) left += kept[i];
+      group.count = left;
+    }
+    count = keep_walks(arrays(), kept.data(), count);
+    size_t begin = 0;
+    for (Group& group : groups) {
+      group.begin = begin;
+      begin += group.count;
+    }
+    std::erase_if(groups, [&](const Group& group) {
+      if (group.count > 0) return false;
+      std::erase_if(out[group.query].samples, [](const Sample<D>& sample) { return sample.weight == 0.0; });
+      return true;
+    });
   }
 };
 
+// Numbers for the next step of every walk.
 template <int D>
-void HarmonicWalks<D>::step(Batch& batch, const QueryRandom& random, SampleCounts& counts) const {
-  // Numbers and directions of all walks in plain loops, which the compiler turns into vector code.
-  std::array<std::array<double, 2>, kBatch> numbers;
-  std::array<Vec<D>, kBatch> direction;
-  for (uint32_t i = 0; i < batch.active; ++i)
-    numbers[i] = random.pair(batch.first_walk + batch.slot[i], batch.steps[i]);
-  for (uint32_t i = 0; i < batch.active; ++i) direction[i] = uniform_direction<D>(numbers[i]);
-
-  for (uint32_t i = 0; i < batch.active; ++i) {
-    ++batch.steps[i];
-    Vec<D>& position = batch.position[i];
-    const double distance = position.norm();
-    if (settings_.run_on && distance > kReentryRadius) {
-      position = exterior_hit(position, kEnclosingRadius, numbers[i]);
-      // In the plane Brownian motion comes back with certainty, in space with this probability.
-      if constexpr (D == 3) batch.weight[i] *= kEnclosingRadius / distance;
-      batch.hint[i] = kNoHint;
-      ++counts.reentries;
-    } else {
-      position += batch.radius[i] * direction[i];
+void HarmonicWalks<D>::draw_numbers(Pool& pool) const {
+  for (const typename Pool::Group& group : pool.groups) {
+    const QueryRandom& random = pool.queries[group.query].random;
+    uint32_t *const first = &pool.first[group.begin], *const second = &pool.second[group.begin];
+    if (settings_.as_printed) {
+      independent_numbers(random, &pool.walk[group.begin], group.count, group.step, first, second);
+      continue;
     }
+    uint32_t* const rank = &pool.rank[group.begin];
+    if (group.step == 0) {
+      std::iota(rank, rank + group.count, 0u);  // all at one place
+    } else {
+      WalkArrays walks = pool.arrays();
+      walks.x += group.begin;
+      walks.y += group.begin;
+      walks.z += group.begin;
+      rank_walks(walks, group.count, pool.marked.data(), rank);
+    }
+    const std::array<uint32_t, 4> shift = random.bits(0, group.step);
+    lattice_numbers(rank, group.count, D - 1, {shift[0], shift[1]}, first, second);
   }
-  counts.steps += batch.active;
-  distance_.free_radii({batch.position.data(), batch.active}, {batch.hint.data(), batch.active},
-                       {batch.radius.data(), batch.active});
+}
+
+template <int D>
+void HarmonicWalks<D>::move(Pool& pool) const {
+  const float reach =
+      settings_.as_printed ? std::numeric_limits<float>::infinity() : static_cast<float>(kReentryRadius);
+  const size_t beyond =
+      move_walks(pool.arrays(), pool.first.data(), pool.second.data(), pool.count, D, reach, pool.marked.data());
+  for (size_t k = 0; k < beyond; ++k) {
+    const uint32_t i = pool.marked[k];
+    typename Pool::Group& group = pool.group_of(i);
+    // The first step starts from the query itself, however far out it is.
+    const Vec<D> from = group.step == 0 ? pool.queries[group.query].origin : pool.position(i);
+    const double distance = from.norm();
+    pool.set_position(i, exterior_hit(from, kEnclosingRadius, {unit(pool.first[i]), unit(pool.second[i])}));
+    // In the plane Brownian motion comes back with certainty, in space with this probability.
+    if constexpr (D == 3) pool.weight[i] *= static_cast<float>(kEnclosingRadius / distance);
+    pool.hint[i] = kNoHint;
+    ++pool.out[group.query].counts.reentries;
+  }
+  for (typename Pool::Group& group : pool.groups) {
+    ++group.step;
+    pool.out[group.query].counts.steps += group.count;
+  }
+  distance_.free_radii({pool.x.data(), pool.y.data(), pool.z.data(), pool.count}, pool.hint.data(), pool.radius.data());
+}
+
+// Whether the walk is under way still. A free radius never exceeds the distance: only below the thickness may it have
+// arrived.
+template <int D>
+bool HarmonicWalks<D>::settle_one(Pool& pool, size_t i) const {
+  const double tolerance = kArrivalTolerance * settings_.thickness;
+  const CagePoint<D> end = distance_.near(pool.position(i), tolerance);
+  if (end.distance < settings_.thickness) {
+    pool.end(i, end, SampleEnd::kArrived);
+    return false;
+  }
+  pool.radius[i] = rounded_down(end.distance - tolerance);
+  return true;
 }
 
 // Ends the walks that arrived or reached the step limit.
 template <int D>
-void HarmonicWalks<D>::settle(Batch& batch, SampleCounts& counts) const {
-  for (uint32_t i = 0; i < batch.active;) {
-    // A free radius never exceeds the distance: only below the thickness may the walk have arrived.
-    if (batch.radius[i] < settings_.thickness) {
-      const CagePoint<D> closest = distance_.closest(batch.position[i]);
-      if (closest.distance < settings_.thickness) {
-        batch.end(i, closest, SampleEnd::kArrived);
-        continue;
-      }
-      batch.radius[i] = closest.distance;
-    }
-    if (batch.steps[i] >= settings_.walk_steps_max) {
-      if (settings_.run_on) {
+void HarmonicWalks<D>::settle(Pool& pool) const {
+  std::fill_n(pool.kept.begin(), pool.count, 1u);
+  const size_t near =
+      find_arriving(pool.radius.data(), pool.count, static_cast<float>(settings_.thickness), pool.marked.data());
+  bool all_kept = true;
+  for (size_t k = 0; k < near; ++k) all_kept &= settle_one(pool, pool.marked[k]);
+  for (const typename Pool::Group& group : pool.groups) {
+    const bool at_limit = group.step >= settings_.walk_steps_max;
+    if (!at_limit && !settings_.as_printed) continue;
+    for (size_t i = group.begin; i < group.begin + group.count; ++i) {
+      if (pool.kept[i] == 0) continue;
+      SampleCounts& counts = pool.out[group.query].counts;
+      if (at_limit && !settings_.as_printed) {
         ++counts.capped;
-        batch.end(i, distance_.closest(batch.position[i]), SampleEnd::kCapped);
-      } else {
+        pool.end(i, distance_.closest(pool.position(i)), SampleEnd::kCapped);
+      } else if (at_limit || pool.position(i).squaredNorm() > kEscapeRadius * kEscapeRadius) {
         ++counts.discarded;
-        batch.remove(i);
+        pool.kept[i] = 0;
       }
-      continue;
+      all_kept &= pool.kept[i] != 0;
     }
-    if (!settings_.run_on && batch.position[i].squaredNorm() > kEscapeRadius * kEscapeRadius) {
-      ++counts.discarded;
-      batch.remove(i);
-      continue;
-    }
-    ++i;
   }
+  if (!all_kept) pool.compact();
 }
 
 template <int D>
-bool HarmonicWalks<D>::sample(const Vec<D>& origin, double origin_radius, const QueryRandom& random,
-                              const std::atomic<bool>& cancel, SampleSet<D>& out) const {
-  out.clear();
-  out.counts.started = settings_.walks;
-  Batch batch;
-  for (uint32_t first = 0; first < settings_.walks; first += kBatch) {
-    const uint32_t count = std::min(kBatch, settings_.walks - first);
-    batch.start(first, count, origin, origin_radius);
-    while (batch.active > 0) {
-      if (cancel.load(std::memory_order_relaxed)) return false;
-      step(batch, random, out.counts);
-      settle(batch, out.counts);
-    }
-    for (uint32_t slot = 0; slot < count; ++slot)
-      if (batch.ended_on_cage[slot]) out.samples.push_back(batch.sample[slot]);
+bool HarmonicWalks<D>::sample(std::span<const SampleQuery<D>> queries, const std::atomic<bool>& cancel,
+                              std::span<SampleSet<D>> out) const {
+  Pool pool(queries, out, kPoolWalks + settings_.walks);
+  for (size_t next = 0; next < queries.size() || pool.count > 0;) {
+    if (cancel.load(std::memory_order_relaxed)) return false;
+    while (next < queries.size() && pool.count < kPoolWalks) pool.add(next++, settings_.walks);
+    draw_numbers(pool);
+    move(pool);
+    settle(pool);
   }
   return true;
 }

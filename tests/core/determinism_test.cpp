@@ -1,6 +1,7 @@
 // The same point gets the same bytes: over threads, blocks, order, scale, and repetition.
 
 #include <gtest/gtest.h>
+#include <hwy/targets.h>
 #include <tbb/global_control.h>
 #include <tbb/task_arena.h>
 
@@ -50,6 +51,20 @@ class Determinism : public ::testing::TestWithParam<std::tuple<Preset, Coordinat
     return options;
   }();
 };
+
+// Bits are the same on every processor: what AVX-512 computes, narrower vectors compute too.
+TEST_P(Determinism, OverVectorWidths) {
+  if ((hwy::SupportedTargets() & HWY_AVX3) == 0) GTEST_SKIP() << "this processor has no AVX-512";
+  const QueryInput loose = testing::loose_points(points_), mesh = testing::mesh_of(testing::sphere(12, 0.8));
+  for (const QueryInput& queries : {loose, mesh}) {
+    const RowBlock wide = testing::bind_or_die(index_, queries, options_);
+    hwy::SetSupportedTargetsForTest(HWY_AVX2);
+    // The cage's index as well: it is built with the same vectors.
+    const RowBlock narrow = testing::bind_or_die(testing::make_index(testing::mixed_prism()), queries, options_);
+    hwy::SetSupportedTargetsForTest(0);
+    EXPECT_TRUE(same_bytes(wide, narrow));
+  }
+}
 
 TEST_P(Determinism, OverThreads) {
   const QueryInput queries = testing::loose_points(points_);

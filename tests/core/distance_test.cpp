@@ -2,9 +2,12 @@
 
 #include <gtest/gtest.h>
 
+#include <numbers>
+
 #include "query/distance_index.h"
 #include "query/element_distance.h"
 #include "query/winding.h"
+#include "support/mean_value.h"
 #include "support/rows.h"
 
 namespace barycast {
@@ -56,38 +59,57 @@ double brute_distance(const Cage<D>& cage, const Vec<D>& x, uint32_t* lowest = n
   return best;
 }
 
+// Closest points, and radii with right and wrong hints, against distances by brute force.
 template <int D>
-void check_against_brute_force(const Shape& shape, size_t count, double reach) {
-  const auto cage = Cage<D>::create(shape.input());
-  ASSERT_TRUE(cage.ok()) << cage.error().text();
-  const auto index = make_embree_distance_index<D>(*cage);
-  ASSERT_TRUE(index.ok());
-  const auto coordinates = testing::random_points(count, D, -reach, reach, 7);
-  std::vector<Vec<D>> points;
-  for (size_t i = 0; i < count; ++i) points.push_back(Eigen::Map<const Vec<D>>(coordinates.data() + D * i));
-  std::vector<uint32_t> hints(count, kNoHint);
-  std::vector<double> radii(count), again(count);
-  (*index)->free_radii(points, hints, radii);
+void check_index(const Cage<D>& cage, const DistanceIndex<D>& index, const WalkPositions& at,
+                 const std::vector<Vec<D>>& points, const std::vector<double>& brute, double reach) {
+  const size_t count = at.count;
+  std::vector<uint32_t> hints(count + kWalkLanes, kNoHint);
+  std::vector<float> radii(count + kWalkLanes), again(count + kWalkLanes);
+  index.free_radii(at, hints.data(), radii.data());
   // Wrong hints, as a walk that jumped far would bring, change nothing.
-  std::rotate(hints.begin(), hints.begin() + 1, hints.end());
-  (*index)->free_radii(points, hints, again);
+  std::rotate(hints.begin(), hints.begin() + 1, hints.begin() + static_cast<std::ptrdiff_t>(count));
+  index.free_radii(at, hints.data(), again.data());
+  const double rounding = 1e-12 * (1 + reach);
   for (size_t i = 0; i < count; ++i) {
-    const CagePoint<D> closest = (*index)->closest(points[i]);
-    const double brute = brute_distance<D>(*cage, points[i]);
-    const double rounding = 1e-12 * (1 + reach);
-    ASSERT_NEAR(closest.distance, brute, rounding) << "point " << i;
+    const CagePoint<D> closest = index.closest(points[i]);
+    ASSERT_NEAR(closest.distance, brute[i], rounding) << "point " << i;
     ASSERT_NEAR((closest.point - points[i]).norm(), closest.distance, rounding);
     Vec<D> by_shares = Vec<D>::Zero();
-    const Element& element = cage->elements()[closest.element];
+    const Element& element = cage.elements()[closest.element];
     for (int k = 0; k < element.corner_count(); ++k)
-      by_shares += closest.shares[static_cast<size_t>(k)] * cage->corner(element, k);
+      by_shares += closest.shares[static_cast<size_t>(k)] * cage.corner(element, k);
     ASSERT_LT((by_shares - closest.point).norm(), 1e-14);
-    ASSERT_LE(radii[i], brute + rounding);
-    ASSERT_GE(radii[i], 0.5 * brute - 1e-6);
+    ASSERT_LE(double{radii[i]}, brute[i]) << "point " << i;
+    ASSERT_GE(double{radii[i]}, 0.5 * brute[i] - 2e-3) << "point " << i;
     ASSERT_EQ(radii[i], again[i]) << "a hint changed an answer";
   }
 }
 
+template <int D>
+void check_against_brute_force(const Shape& shape, size_t count, double reach) {
+  const auto cage = Cage<D>::create(shape.input());
+  ASSERT_TRUE(cage.ok()) << cage.error().text();
+  const auto grid = make_distance_grid<D>(*cage);
+  ASSERT_TRUE(grid.ok());
+  const auto embree = make_embree_distance_index<D>(*cage);
+  ASSERT_TRUE(embree.ok());
+  // Positions as walks have them.
+  const auto coordinates = testing::random_points(count, D, -reach, reach, 7);
+  std::vector<float> x[3];
+  std::vector<Vec<D>> points(count);
+  for (auto& axis : x) axis.resize(count + kWalkLanes);
+  for (size_t i = 0; i < count; ++i)
+    for (int k = 0; k < D; ++k)
+      points[i][k] = x[k][i] = static_cast<float>(coordinates[D * i + static_cast<size_t>(k)]);
+  const WalkPositions at{x[0].data(), x[1].data(), x[2].data(), count};
+  std::vector<double> brute(count);
+  for (size_t i = 0; i < count; ++i) brute[i] = brute_distance<D>(*cage, points[i]);
+  for (const DistanceIndex<D>* index : {grid->get(), embree->get()}) {
+    SCOPED_TRACE(index == grid->get() ? "grid" : "Embree");
+    check_index(*cage, *index, at, points, brute, reach);
+  }
+}
 TEST(Distance, MatchesBruteForceOnTriangles) {
   Shape shape = testing::sphere(12, 1.0);
   for (size_t q = 0; q < shape.quads.size(); q += 4)
@@ -123,6 +145,66 @@ TEST(Distance, MatchesBruteForceOnUglyElements) {
   check_against_brute_force<3>({.vertices = {0, 0, 0, 1, 0, 0, 0.5, 1e-6, 0, 0.5, 0, 1, 0.4, 0.1, 0.3},
                                 .triangles = {0, 1, 2, 0, 1, 3, 1, 3, 4}},
                                1000, 1.0);
+}
+
+// Positions everywhere and close to the cage, down to 1e-7, against Embree's closest points in double.
+void check_grid(const Shape& shape, size_t count, double reach) {
+  const auto cage = Cage<3>::create(shape.input());
+  ASSERT_TRUE(cage.ok());
+  const auto grid = make_distance_grid<3>(*cage), embree = make_embree_distance_index<3>(*cage);
+  ASSERT_TRUE(grid.ok() && embree.ok());
+  const auto coordinates = testing::random_points(count, 3, -reach, reach, 13);
+  std::vector<float> x[3], radii(count + kWalkLanes);
+  std::vector<uint32_t> hints(count + kWalkLanes, kNoHint);
+  for (auto& axis : x) axis.resize(count + kWalkLanes);
+  for (size_t i = 0; i < count; ++i) {
+    Vec<3> point = Eigen::Map<const Vec<3>>(coordinates.data() + 3 * i);
+    if (i % 2 == 0) {
+      const CagePoint<3> on = (*embree)->closest(point);
+      point = on.point + std::pow(10.0, -double(i % 7) - 1) * (point - on.point).normalized();
+    }
+    for (int k = 0; k < 3; ++k) x[k][i] = static_cast<float>(point[k]);
+  }
+  (*grid)->free_radii({x[0].data(), x[1].data(), x[2].data(), count}, hints.data(), radii.data());
+  double bound_sum = 0.0, distance_sum = 0.0;
+  for (size_t i = 0; i < count; ++i) {
+    const Vec<3> point(x[0][i], x[1][i], x[2][i]);
+    const CagePoint<3> closest = (*embree)->closest(point);
+    ASSERT_LE(double{radii[i]}, closest.distance) << "point " << i;
+    ASSERT_GE(double{radii[i]}, 0.5 * closest.distance - 2e-3) << "point " << i;
+    ASSERT_NEAR((*grid)->closest(point).distance, closest.distance, 1e-12 * (1 + reach)) << "point " << i;
+    for (const double tolerance : {1e-2, 1e-3, 1e-5}) {
+      const CagePoint<3> near = (*grid)->near(point, tolerance);
+      ASSERT_NEAR(near.distance, (near.point - point).norm(), 1e-14);
+      ASSERT_GE(near.distance, closest.distance - 1e-12);
+      ASSERT_LE(near.distance, closest.distance + tolerance) << "point " << i;
+    }
+    bound_sum += double{radii[i]};
+    distance_sum += closest.distance;
+  }
+  EXPECT_GE(bound_sum, 0.8 * distance_sum);
+}
+
+TEST(Distance, GridAgreesWithEmbree) {
+  for (const Shape& shape : {testing::triangulated(testing::sphere(12, 1.0)), testing::box(), testing::bent_prism(),
+                             testing::mixed_prism(), testing::open_box(), testing::soup()})
+    for (const double reach : {0.6, 3.0}) check_grid(shape, 20'000, reach);
+  const Shape twisted{.vertices = {0, 0, 0, 1, 0, 1, 1, 1, 0, 0, 1, 1}, .quads = {0, 1, 2, 3}};
+  const Shape folded{.vertices = {0, 0, 0, 1, 0, 0.1, 0.2, 0.1, 0.9, 0, 1, 0.1}, .quads = {0, 1, 2, 3}};
+  const Shape slivers{.vertices = {0, 0, 0, 1, 0, 0, 0.5, 1e-6, 0, 0.5, 0, 1, 0.4, 0.1, 0.3},
+                      .triangles = {0, 1, 2, 0, 1, 3, 1, 3, 4}};
+  for (const Shape& shape : {twisted, folded, slivers}) check_grid(shape, 20'000, 0.6);
+}
+
+// Many triangles around one edge: more than a cell can list.
+TEST(Distance, GridAgreesWithEmbreeWhereEverythingMeets) {
+  Shape fan{.vertices = {0, 0, -0.5, 0, 0, 0.5}};
+  for (uint32_t i = 0; i < 2000; ++i) {
+    const double angle = 2 * std::numbers::pi * i / 2000;
+    fan.vertices.insert(fan.vertices.end(), {std::cos(angle), std::sin(angle), 0});
+    fan.triangles.insert(fan.triangles.end(), {0, 1, 2 + i});
+  }
+  check_grid(fan, 4000, 0.5);
 }
 
 TEST(Distance, RefusesMoreTwistedQuadsThanItCanHold) {

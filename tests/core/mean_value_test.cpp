@@ -134,12 +134,14 @@ TEST(Rays, PreferNoDirection) {
   const auto index = testing::make_index(testing::box());
   const auto& structures = *std::get<std::unique_ptr<const CageStructures<3>>>(index->structures());
   const std::atomic<bool> never = false;
-  SampleSet<3> samples;
+  std::vector<SampleSet<3>> samples(1);
   for (const uint32_t rays : {2u, 10u}) {
     const Recorder recorder;
     const RaySamples<3> sampler(structures.cage, recorder, {.rays = rays});
-    for (uint64_t key = 0; key < 40000; ++key)
-      ASSERT_TRUE(sampler.sample(Vec<3>::Zero(), 0.1, QueryRandom(1, key), never, samples));
+    for (uint64_t key = 0; key < 40000; ++key) {
+      const std::vector<SampleQuery<3>> query{{Vec<3>::Zero(), 0.1, QueryRandom(1, key)}};
+      ASSERT_TRUE(sampler.sample(query, never, samples));
+    }
     ASSERT_EQ(recorder.count, 40000 * rays / 2);
     EXPECT_LT((recorder.second / static_cast<double>(recorder.count) - Mat<3>::Identity() / 3).norm(),
               rays == 2 ? 0.015 : 0.003);

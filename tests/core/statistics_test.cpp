@@ -17,8 +17,9 @@ class WrongIndex final : public DistanceIndex<3> {
  public:
   WrongIndex(const Cage<3>& cage, const DistanceIndex<3>& right, double part)
       : cage_(cage), right_(right), part_(part) {}
-  CagePoint<3> closest(const Vec<3>& x) const override {
-    CagePoint<3> result = right_.closest(x);
+  CagePoint<3> closest(const Vec<3>& x) const override { return right_.closest(x); }
+  CagePoint<3> near(const Vec<3>& x, double tolerance) const override {
+    CagePoint<3> result = right_.near(x, tolerance);
     // Which walks: by the digits of their last position, which are as good as random.
     const double digits = std::abs(x.sum()) * 1e7;
     if (digits - std::floor(digits) >= part_) return result;
@@ -27,8 +28,8 @@ class WrongIndex final : public DistanceIndex<3> {
     result.point = cage_.corner(cage_.elements()[0], 0);
     return result;
   }
-  void free_radii(std::span<const Vec<3>> points, std::span<uint32_t> hints, std::span<double> radii) const override {
-    right_.free_radii(points, hints, radii);
+  void free_radii(const WalkPositions& at, uint32_t* hints, float* radii) const override {
+    right_.free_radii(at, hints, radii);
   }
   size_t bytes() const override { return right_.bytes(); }
 
@@ -38,38 +39,46 @@ class WrongIndex final : public DistanceIndex<3> {
   double part_;
 };
 
-// Slope of log RMS error against log m, in a box, where the answer is trilinear.
-double error_slope(double wrong_part) {
-  const auto index = testing::make_index(testing::box());
-  const auto& structures = *std::get<std::unique_ptr<const CageStructures<3>>>(index->structures());
-  const WrongIndex distance(structures.cage, *structures.distance, wrong_part);
+// Root mean square error with so many samples, in a box, where the answer is trilinear. A thin cage, so that its bias
+// stays below the noise at the most samples.
+double box_error(const CageStructures<3>& structures, const DistanceIndex<3>& distance, uint32_t samples,
+                 bool independent) {
   const RowFinisher<3> finisher(structures.cage, {.prune_below = 0.0, .gradients = false});
   const auto points = testing::random_points(40, 3, -0.8, 0.8, 17);
   const std::atomic<bool> never = false;
   PointEstimator<3>::Workspace workspace(structures.cage);
+  const HarmonicWalks<3> walks(distance, {.walks = samples, .thickness = 1e-4, .as_printed = independent});
+  const PointEstimator<3> estimator(structures.cage, distance, *structures.winding, walks,
+                                    {.thickness = 1e-4, .seed = samples, .pseudo_samples = PseudoSamples::kAlways});
+  std::vector<Vec<3>> normalized;
+  for (size_t i = 0; i < 40; ++i)
+    normalized.push_back(structures.cage.frame().to_normalized(Eigen::Map<const Vec<3>>(points.data() + 3 * i)));
+  std::vector<PointEstimate<3>> estimates(normalized.size());
+  EXPECT_TRUE(estimator.estimate(normalized, never, workspace, estimates));
+  double squared = 0.0;
+  for (size_t i = 0; i < 40; ++i) {
+    const Vec<3> x = Eigen::Map<const Vec<3>>(points.data() + 3 * i);
+    std::vector<RowEntry<3>> row;
+    finisher.evaluate(estimates[i].projected, normalized[i], row);
+    finisher.finish(normalized[i], row);
+    for (const auto& entry : row) {
+      const double sx = (entry.vertex & 4) != 0 ? 1 : -1, sy = (entry.vertex & 2) != 0 ? 1 : -1,
+                   sz = (entry.vertex & 1) != 0 ? 1 : -1;
+      squared += std::pow(entry.value - (1 + sx * x[0]) * (1 + sy * x[1]) * (1 + sz * x[2]) / 8, 2);
+    }
+  }
+  return std::sqrt(squared / 40);
+}
+
+// Slope of log error against log m.
+double error_slope(bool independent, double wrong_part) {
+  const auto index = testing::make_index(testing::box());
+  const auto& structures = *std::get<std::unique_ptr<const CageStructures<3>>>(index->structures());
+  const WrongIndex distance(structures.cage, *structures.distance, wrong_part);
   std::vector<double> log_m, log_error;
   for (const uint32_t samples : {32u, 128u, 512u, 2048u, 8192u}) {
-    // A thin cage, so that its bias stays below the noise at the most samples.
-    const HarmonicWalks<3> walks(distance, {.walks = samples, .thickness = 1e-4});
-    const PointEstimator<3> estimator(structures.cage, distance, *structures.winding, walks,
-                                      {.thickness = 1e-4, .seed = samples, .pseudo_samples = PseudoSamples::kAlways});
-    double squared = 0.0;
-    for (size_t i = 0; i < 40; ++i) {
-      const Vec<3> x = Eigen::Map<const Vec<3>>(points.data() + 3 * i);
-      const Vec<3> normalized = structures.cage.frame().to_normalized(x);
-      PointEstimate<3> estimate;
-      std::vector<RowEntry<3>> row;
-      EXPECT_TRUE(estimator.estimate(normalized, never, workspace, estimate));
-      finisher.evaluate(estimate.projected, normalized, row);
-      finisher.finish(normalized, row);
-      for (const auto& entry : row) {
-        const double sx = (entry.vertex & 4) != 0 ? 1 : -1, sy = (entry.vertex & 2) != 0 ? 1 : -1,
-                     sz = (entry.vertex & 1) != 0 ? 1 : -1;
-        squared += std::pow(entry.value - (1 + sx * x[0]) * (1 + sy * x[1]) * (1 + sz * x[2]) / 8, 2);
-      }
-    }
     log_m.push_back(std::log(samples));
-    log_error.push_back(0.5 * std::log(squared / 40));
+    log_error.push_back(std::log(box_error(structures, distance, samples, independent)));
   }
   double sxy = 0.0, sxx = 0.0, mx = 0.0, my = 0.0;
   for (size_t i = 0; i < log_m.size(); ++i) {
@@ -80,15 +89,32 @@ double error_slope(double wrong_part) {
     sxy += (log_m[i] - mx) * (log_error[i] - my);
     sxx += (log_m[i] - mx) * (log_m[i] - mx);
   }
+  std::printf("slope %.3f\n", sxy / sxx);
   return sxy / sxx;
 }
 
-TEST(Rate, ErrorFallsWithTheSquareRootOfTheSamples) {
-  EXPECT_NEAR(error_slope(0.0), -0.5, 0.05);
+TEST(Rate, ErrorOfIndependentWalksFallsWithTheSquareRootOfTheSamples) {
+  EXPECT_NEAR(error_slope(true, 0.0), -0.5, 0.05);
 }
 
 TEST(Rate, TwoPercentOfWrongWalksFailTheTest) {
-  EXPECT_GT(error_slope(0.02), -0.45);
+  EXPECT_GT(error_slope(true, 0.02), -0.45);
+}
+
+// Walks that take their directions from a lattice, in their order along a curve, gain more the more there are.
+TEST(Rate, ErrorOfOrderedWalksFallsFaster) {
+  EXPECT_LT(error_slope(false, 0.0), -0.55);
+}
+
+TEST(Rate, OrderedWalksHaveLessErrorThanIndependentOnes) {
+  const auto index = testing::make_index(testing::box());
+  const auto& structures = *std::get<std::unique_ptr<const CageStructures<3>>>(index->structures());
+  for (const uint32_t samples : {50u, 500u, 5000u}) {
+    const double ratio = box_error(structures, *structures.distance, samples, false) /
+                         box_error(structures, *structures.distance, samples, true);
+    std::printf("%u walks: %.2f of the error\n", samples, ratio);
+    EXPECT_LT(ratio, samples == 50 ? 0.95 : 0.8);
+  }
 }
 
 // Means over seeds of every coordinate of every point, and their variances.

@@ -1,0 +1,29 @@
+#pragma once
+
+// Distances from blocks of triangles, for many points at a time or for one, in vectors of the processor's width
+// (AVX2 or AVX-512, chosen when the program runs). Results are the same bits for both: a lane never sees its
+// neighbours but in minima.
+
+#include <cstddef>
+
+#include "query/distance_index.h"
+#include "query/grid_tables.h"
+
+namespace barycast {
+
+// Squared distances from one point to the triangles of a block.
+void block_distances_squared(const TriangleBlock& block, const std::array<float, 3>& point,
+                             TriangleBlock::Lanes& squared);
+
+// The nearest triangle of a cell that has a list; of equally near ones the first in it.
+uint32_t grid_nearest(const GridTables& grid, uint32_t cell, const std::array<float, 3>& point);
+
+// Radii around the positions that are free of the cage, as DistanceIndex::free_radii says; kNotInGrid for positions in
+// no lattice.
+inline constexpr float kNotInGrid = -1.0f;
+void grid_radii(const GridTables& grid, const WalkPositions& at, float* radii);
+
+// The cell's value for one point, or kNoCell where it is in no lattice.
+uint32_t grid_cell(const GridTables& grid, const std::array<float, 3>& point);
+
+}  // namespace barycast

@@ -1,0 +1,46 @@
+#pragma once
+
+// What walks on spheres do at every step, for many walks at a time, in vectors of the processor's width (AVX2 or
+// AVX-512, chosen when the program runs). Results are the same bits for both. Arrays are padded to kWalkLanes.
+
+#include <cstddef>
+#include <cstdint>
+
+#include "base/random.h"
+
+namespace barycast {
+
+// Walks, one array for each of their properties, in floats: they decide where samples are taken, not their values.
+struct WalkArrays {
+  float *x, *y, *z;  // z is 0 in the plane
+  float* radius;     // free of the cage
+  float* weight;
+  uint32_t* walk;  // its number among the walks of its query
+  uint32_t* hint;  // of the distance engine
+};
+
+// The place of every walk along a space-filling curve [Morton 1966] through the cage's surroundings, from 0; equal ones
+// in the order of the walks. `key` is workspace.
+void rank_walks(const WalkArrays& walks, size_t count, uint32_t* key, uint32_t* rank);
+
+// Numbers i, as 32 bits each: the point rank[i] of an additive lattice [Roberts 2018: the generalized golden ratio], in
+// one or two dimensions, shifted.
+void lattice_numbers(const uint32_t* rank, size_t count, int dimensions, const std::array<uint32_t, 2>& shift,
+                     uint32_t* first, uint32_t* second);
+
+// Numbers i: those of `random` for walk[i] at this step.
+void independent_numbers(const QueryRandom& random, const uint32_t* walk, size_t count, uint32_t step, uint32_t* first,
+                         uint32_t* second);
+
+// Moves every walk by its radius, in the direction that its numbers give: uniform over the sphere, or over the circle
+// in the plane. Walks beyond `reach` stay; their indices are written to `beyond`. Returns how many.
+size_t move_walks(const WalkArrays& walks, const uint32_t* first, const uint32_t* second, size_t count, int dimension,
+                  float reach, uint32_t* beyond);
+
+// Writes the indices of walks with a radius below `limit`; returns how many.
+size_t find_arriving(const float* radius, size_t count, float limit, uint32_t* indices);
+
+// Keeps the walks with kept[i] != 0, in order; returns how many.
+size_t keep_walks(const WalkArrays& walks, const uint32_t* kept, size_t count);
+
+}  // namespace barycast
