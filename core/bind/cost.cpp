@@ -174,7 +174,7 @@ class Model {
     const double assembly = 16.0 * grown(pairs) + 12.0 * pairs + 130.0 * points_;
     return std::max(assembly, points_ * (kFactorizationBytes + kFactorEntryBytes * data_.factor_entries));
   }
-  double kernel() const { return points_ * (28.0 + 12.0 * data_.factor_entries); }
+  double kernel() const { return points_ * (20.0 + 8.0 * data_.factor_entries); }
   double smoothed_rows() const {
     const double pseudo = sizeof(Mat<D + 1>), header = 24.0;
     return points_ *
@@ -183,7 +183,7 @@ class Model {
   // Two blocks of columns for every thread that has control vertices to smooth.
   double columns() const {
     const double groups = std::ceil(vertices() * (D + 1) / HeatKernel::kColumns);
-    return points_ * 2.0 * HeatKernel::kColumns * sizeof(double) *
+    return points_ * 2.0 * HeatKernel::kColumns * sizeof(float) *
            std::min(static_cast<double>(size_.threads), std::max(1.0, groups));
   }
 

@@ -20,9 +20,9 @@ constexpr uint32_t kOuterCells = 32;
 // Cells with more blocks are cut, or, where everything is this many of their half diagonals away, only know how far it
 // is: their radii are (k - 1) / (k + 1) of the distance at least.
 constexpr size_t kBlocksEnough = 2;
-constexpr double kFar = 5.0;
+constexpr double kFar = 8.0;
 // Facets may deviate by this part of the distance, which the radius then falls short by.
-constexpr double kDetail = 0.05;
+constexpr double kDetail = 0.025;
 // A position may be found in the cell beside its own by rounding: cells cover a little more than themselves.
 constexpr double kCellMargin = 1.0 + 1e-4;
 

@@ -71,7 +71,7 @@ double factor_operations(const Sparse& lower) {
 Result<HeatKernel> HeatKernel::create(const MeshLaplacian& laplacian, std::span<const double> times) {
   const double time = times.empty() ? 0.0 : *std::max_element(times.begin(), times.end());
   const auto weight = [&](uint32_t node) { return laplacian.area[node] * (time > 0.0 ? time / times[node] : 1.0); };
-  const std::vector<bool> active_node = nodes_to_smooth(laplacian, times);
+  std::vector<bool> active_node = nodes_to_smooth(laplacian, times);
   std::vector<int> row_of(active_node.size(), -1);
   std::vector<uint32_t> active;
   for (size_t i = 0; i < active_node.size(); ++i) {
@@ -107,39 +107,41 @@ Result<HeatKernel> HeatKernel::create(const MeshLaplacian& laplacian, std::span<
   for (size_t i = 0; i < active.size(); ++i) {
     const auto row = static_cast<size_t>(ldlt.permutationP().indices()[static_cast<Eigen::Index>(i)]);
     kernel.node_[row] = active[i];
-    kernel.weight_[row] = weight(active[i]);
+    kernel.weight_[row] = static_cast<float>(weight(active[i]));
   }
   kernel.column_begin_.assign(lower.outerIndexPtr(), lower.outerIndexPtr() + size + 1);
   kernel.row_.assign(lower.innerIndexPtr(), lower.innerIndexPtr() + kernel.column_begin_.back());
-  kernel.factor_.assign(lower.valuePtr(), lower.valuePtr() + kernel.column_begin_.back());
-  for (Eigen::Index i = 0; i < size; ++i) kernel.inverse_pivot_.push_back(1.0 / pivots[i]);
+  kernel.factor_.resize(kernel.row_.size());
+  for (size_t i = 0; i < kernel.factor_.size(); ++i) kernel.factor_[i] = static_cast<float>(lower.valuePtr()[i]);
+  for (Eigen::Index i = 0; i < size; ++i) kernel.inverse_pivot_.push_back(static_cast<float>(1.0 / pivots[i]));
+  kernel.is_smoothed_ = std::move(active_node);
   return kernel;
 }
 
-bool HeatKernel::smooth(std::vector<double>& block, std::vector<double>& workspace,
+bool HeatKernel::smooth(std::vector<float>& block, std::vector<float>& workspace,
                         const std::atomic<bool>& cancel) const {
   workspace.resize(node_.size() * kColumns);
-  double* const x = workspace.data();
+  float* const x = workspace.data();
   for (size_t i = 0; i < node_.size(); ++i)
     for (size_t k = 0; k < kColumns; ++k) x[i * kColumns + k] = weight_[i] * block[node_[i] * kColumns + k];
 
   for (size_t j = 0; j < node_.size(); ++j) {  // L y = A b, column by column
     if (j % kCheckEvery == 0 && cancel.load(std::memory_order_relaxed)) return false;
-    double pivot[kColumns];
+    float pivot[kColumns];
     for (size_t k = 0; k < kColumns; ++k) pivot[k] = x[j * kColumns + k];
     for (int e = column_begin_[j]; e < column_begin_[j + 1]; ++e) {
-      double* const target = x + static_cast<size_t>(row_[static_cast<size_t>(e)]) * kColumns;
-      const double l = factor_[static_cast<size_t>(e)];
+      float* const target = x + static_cast<size_t>(row_[static_cast<size_t>(e)]) * kColumns;
+      const float l = factor_[static_cast<size_t>(e)];
       for (size_t k = 0; k < kColumns; ++k) target[k] -= l * pivot[k];
     }
   }
   for (size_t j = node_.size(); j-- > 0;) {  // L^T x = D^-1 y
     if (j % kCheckEvery == 0 && cancel.load(std::memory_order_relaxed)) return false;
-    double sum[kColumns];
+    float sum[kColumns];
     for (size_t k = 0; k < kColumns; ++k) sum[k] = inverse_pivot_[j] * x[j * kColumns + k];
     for (int e = column_begin_[j]; e < column_begin_[j + 1]; ++e) {
-      const double* const source = x + static_cast<size_t>(row_[static_cast<size_t>(e)]) * kColumns;
-      const double l = factor_[static_cast<size_t>(e)];
+      const float* const source = x + static_cast<size_t>(row_[static_cast<size_t>(e)]) * kColumns;
+      const float l = factor_[static_cast<size_t>(e)];
       for (size_t k = 0; k < kColumns; ++k) sum[k] -= l * source[k];
     }
     for (size_t k = 0; k < kColumns; ++k) x[j * kColumns + k] = sum[k];
@@ -150,8 +152,8 @@ bool HeatKernel::smooth(std::vector<double>& block, std::vector<double>& workspa
 }
 
 size_t HeatKernel::bytes() const {
-  return factor_.size() * (sizeof(double) + sizeof(int)) +
-         node_.size() * (sizeof(uint32_t) + sizeof(int) + 2 * sizeof(double));
+  return factor_.size() * (sizeof(float) + sizeof(int)) +
+         node_.size() * (sizeof(uint32_t) + sizeof(int) + 2 * sizeof(float));
 }
 
 }  // namespace barycast

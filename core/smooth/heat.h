@@ -3,8 +3,9 @@
 // One implicit step of heat flow, (A T^-1 + L)^-1 A T^-1 with the nodes' times on the diagonal of T; with one time t
 // for all, (A + t L)^-1 A [SBC 4.4]. Factor once, then solve for many columns, kColumns at a time. Rows sum to one, so
 // smoothing every u_v by the same operator keeps linear precision. Nodes without area, and components much smaller than
-// the kernel, are left alone. Double throughout; every column is solved in one fixed order, so threads that share the
-// work cannot change a bit.
+// the kernel, are left alone. Factored in double, solved in floats, whose rounding is far below the noise, and which
+// the last correction of every row takes out of linear precision; every column is solved in one fixed order, so threads
+// that share the work cannot change a bit.
 
 #include <Eigen/SparseCholesky>
 #include <atomic>
@@ -19,7 +20,7 @@ namespace barycast {
 class HeatKernel {
  public:
   // Columns of one solve: two cache lines per node, enough to hide the memory of the factor.
-  static constexpr size_t kColumns = 16;
+  static constexpr size_t kColumns = 32;
 
   // times: of every node, positive, or 0 for all. Errors: kResourceExhausted when the factor would be far denser than a
   // surface's (found before the work is done), kInternal when the matrix is not positive definite to rounding.
@@ -27,18 +28,22 @@ class HeatKernel {
 
   // Smooths a node-major block (nodes x kColumns) in place. `workspace` is any vector, reused between
   // calls. False: `cancel` was seen set, and the block is in no defined state. Const, thread-safe.
-  bool smooth(std::vector<double>& block, std::vector<double>& workspace, const std::atomic<bool>& cancel) const;
+  bool smooth(std::vector<float>& block, std::vector<float>& workspace, const std::atomic<bool>& cancel) const;
+
+  // Whether a node takes part; what others hold in a block stays as it is.
+  bool smooths(size_t node) const { return is_smoothed_[node]; }
 
   size_t bytes() const;
 
  private:
   HeatKernel() = default;
+  std::vector<bool> is_smoothed_;  // by node
   std::vector<uint32_t> node_;     // of each row of the factor, in its elimination order
-  std::vector<double> weight_;     // by row: A t / t_i, t the longest time
+  std::vector<float> weight_;      // by row: A t / t_i, t the longest time
   std::vector<int> column_begin_;  // of the unit lower triangular factor, below its diagonal
   std::vector<int> row_;
-  std::vector<double> factor_;
-  std::vector<double> inverse_pivot_;
+  std::vector<float> factor_;
+  std::vector<float> inverse_pivot_;
 };
 
 }  // namespace barycast

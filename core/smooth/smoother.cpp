@@ -33,19 +33,29 @@ Smoother<D>::Smoother(const Cage<D>& cage, const RowFinisher<D>& finisher, const
       pseudo_(nodes.size()),
       rows_(nodes.size()) {
   static_assert(kHomogeneous * kHomogeneous <= kColumns, "the pseudo-samples' matrix is one block");
+  // Nodes that take no part keep their rows, in double.
+  for (size_t node = 0; node < nodes.size(); ++node)
+    if (!kernel.smooths(node)) finisher.evaluate(estimates[node].projected, nodes[node], rows_[node]);
 }
 
 template <int D>
 std::span<const uint32_t> Smoother<D>::group_vertices(size_t group) const {
   const auto used = cage_.used_vertices();
-  const size_t begin = group * kGroupVertices;
+  const size_t begin = (group - 1) * kGroupVertices;
   return used.subspan(begin, std::min(kGroupVertices, used.size() - begin));
 }
 
 // Copies the fits of a group of vertices into a block; says whether there were any.
 template <int D>
-bool Smoother<D>::gather(std::span<const uint32_t> vertices, std::vector<double>& block) const {
-  block.assign(nodes_.size() * kColumns, 0.0);
+bool Smoother<D>::gather(size_t group, std::vector<float>& block) const {
+  block.assign(nodes_.size() * kColumns, 0.0f);
+  if (group == 0) {
+    for (size_t node = 0; node < nodes_.size(); ++node)
+      Eigen::Map<Eigen::Matrix<float, D + 1, D + 1>>(block.data() + node * kColumns) =
+          estimates_[node].projected.pseudo.template cast<float>();
+    return true;
+  }
+  const std::span<const uint32_t> vertices = group_vertices(group);
   bool any = false;
   for (size_t node = 0; node < nodes_.size(); ++node) {
     const auto& fits = estimates_[node].projected.fits;
@@ -54,7 +64,7 @@ bool Smoother<D>::gather(std::span<const uint32_t> vertices, std::vector<double>
     for (size_t k = 0; k < vertices.size() && fit != fits.end(); ++k) {
       if (fit->vertex != vertices[k]) continue;
       for (size_t i = 0; i < kHomogeneous; ++i)
-        block[node * kColumns + k * kHomogeneous + i] = fit->u[static_cast<Eigen::Index>(i)];
+        block[node * kColumns + k * kHomogeneous + i] = static_cast<float>(fit->u[static_cast<Eigen::Index>(i)]);
       any = true;
       ++fit;
     }
@@ -63,28 +73,24 @@ bool Smoother<D>::gather(std::span<const uint32_t> vertices, std::vector<double>
 }
 
 template <int D>
-bool Smoother<D>::smooth_pseudo(const std::atomic<bool>& cancel) {
-  std::vector<double> block(nodes_.size() * kColumns, 0.0), workspace;
-  const auto as_matrix = [&](size_t node) { return Eigen::Map<Mat<D + 1>>(block.data() + node * kColumns); };
-  for (size_t node = 0; node < nodes_.size(); ++node) as_matrix(node) = estimates_[node].projected.pseudo;
-  if (!kernel_.smooth(block, workspace, cancel)) return false;
+void Smoother<D>::take_pseudo(const std::vector<float>& block) {
   for (size_t node = 0; node < nodes_.size(); ++node) {
-    pseudo_[node] = as_matrix(node);
+    pseudo_[node] =
+        Eigen::Map<const Eigen::Matrix<float, D + 1, D + 1>>(block.data() + node * kColumns).template cast<double>();
     if (const auto& y = estimates_[node].on_cage)
       pseudo_[node].row(D) = -y->point.transpose() * pseudo_[node].template topRows<D>();
   }
-  return true;
 }
 
 template <int D>
-void Smoother<D>::collect(size_t node, std::span<const uint32_t> vertices, const double* columns) {
+void Smoother<D>::collect(size_t node, std::span<const uint32_t> vertices, const float* columns) {
   const Vec<D + 1> at = homogeneous<D>(nodes_[node]);
   const auto& on_cage = estimates_[node].on_cage;
   thread_local std::vector<VertexWeight> basis;
   basis.clear();
   if (on_cage) cage_.append_basis(cage_.elements()[on_cage->element], on_cage->shares, 1.0, basis);
   for (size_t k = 0; k < vertices.size(); ++k) {
-    Vec<D + 1> u = Eigen::Map<const Vec<D + 1>>(columns + k * kHomogeneous);
+    Vec<D + 1> u = Eigen::Map<const Eigen::Matrix<float, D + 1, 1>>(columns + k * kHomogeneous).template cast<double>();
     // The pseudo-samples' constants are already set for points on the cage.
     if (on_cage) u[D] = basis_value(basis, vertices[k]) - u.template head<D>().dot(on_cage->point);
     u += pseudo_[node] * homogeneous<D>(cage_.control_vertices()[vertices[k]]);
@@ -97,26 +103,21 @@ void Smoother<D>::collect(size_t node, std::span<const uint32_t> vertices, const
 
 template <int D>
 bool Smoother<D>::advance(const std::atomic<bool>& cancel) {
-  if (groups_done_ == 0) {
-    if (!smooth_pseudo(cancel)) return false;
-    groups_done_ = 1;
-    return true;
-  }
-  const size_t first = groups_done_ - 1;
-  const size_t count = std::min(parallel_width(), vertex_group_count_ - first);
+  const size_t first = groups_done_, count = std::min(parallel_width(), group_count() - first);
   workspaces_.resize(std::max(workspaces_.size(), count));
   std::atomic<bool> complete = true;
   parallel_for(count, 1, [&](size_t begin, size_t end) {
     for (size_t g = begin; g < end; ++g) {
       Workspace& workspace = workspaces_[g];
-      workspace.any = gather(group_vertices(first + g), workspace.block);
+      workspace.any = gather(first + g, workspace.block);
       if (workspace.any && !kernel_.smooth(workspace.block, workspace.solve, cancel)) complete = false;
     }
   });
   if (!complete) return false;
+  if (first == 0) take_pseudo(workspaces_[0].block);
   parallel_for(nodes_.size(), kNodesPerTask, [&](size_t begin, size_t end) {
     for (size_t node = begin; node < end; ++node)
-      for (size_t g = 0; g < count; ++g)
+      for (size_t g = first == 0 ? 1 : 0; g < count && kernel_.smooths(node); ++g)
         collect(node, group_vertices(first + g), workspaces_[g].block.data() + node * kColumns);
   });
   groups_done_ += count;

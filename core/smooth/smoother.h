@@ -21,6 +21,7 @@ class Smoother {
   Smoother(const Cage<D>& cage, const RowFinisher<D>& finisher, const HeatKernel& kernel, std::span<const Vec<D>> nodes,
            std::span<const PointEstimate<D>> estimates);
 
+  // The first group is that of the pseudo-samples.
   size_t group_count() const { return 1 + vertex_group_count_; }
   size_t groups_done() const { return groups_done_; }
 
@@ -36,9 +37,9 @@ class Smoother {
   static constexpr size_t kGroupVertices = HeatKernel::kColumns / kHomogeneous;
 
   std::span<const uint32_t> group_vertices(size_t group) const;
-  bool gather(std::span<const uint32_t> vertices, std::vector<double>& block) const;
-  bool smooth_pseudo(const std::atomic<bool>& cancel);
-  void collect(size_t node, std::span<const uint32_t> vertices, const double* columns);
+  bool gather(size_t group, std::vector<float>& block) const;
+  void take_pseudo(const std::vector<float>& block);
+  void collect(size_t node, std::span<const uint32_t> vertices, const float* columns);
 
   const Cage<D>& cage_;
   const RowFinisher<D>& finisher_;
@@ -50,7 +51,7 @@ class Smoother {
   std::vector<Mat<D + 1>> pseudo_;  // smoothed, by node
   std::vector<std::vector<RowEntry<D>>> rows_;
   struct Workspace {
-    std::vector<double> block, solve;
+    std::vector<float> block, solve;
     bool any = false;  // some column of the block is not zero
   };
   std::vector<Workspace> workspaces_;
