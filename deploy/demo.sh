@@ -32,7 +32,7 @@ bash deploy/setup.sh
 
 say "Building (several minutes the first time)"
 quietly cmake -S . -B build -G Ninja -DCMAKE_BUILD_TYPE=Release
-quietly cmake --build build --target barycastd barycast_command_line
+quietly cmake --build build --target barycastd barycast_command_line barycast_bind_program
 
 say "Generating the character and its cage"
 "$python" deploy/demo/generate.py "$demo"

@@ -8,6 +8,7 @@
 #include "bind/block_builder.h"
 #include "bind/quantum.h"
 #include "bind/query_set.h"
+#include "bind/sampler.h"
 #include "bind/solved_binding.h"
 #include "estimate/point_estimator.h"
 #include "estimate/row.h"
@@ -19,20 +20,6 @@ namespace {
 
 // Squared diagonals; the heat kernel then reaches over about a tenth of the cage.
 constexpr double kSmoothingTimeLarge = 0.01;
-
-template <int D>
-Sampler<D> make_sampler(const ResolvedOptions& options, const CageStructures<D>& structures) {
-  const bool paper = options.preset == Preset::kPaper;
-  if (options.coordinates != CoordinateKind::kHarmonic)
-    return RaySamples<D>(structures.cage, *structures.lines,
-                         {.rays = options.samples,
-                          .visible_only = options.coordinates == CoordinateKind::kPositiveMeanValue,
-                          .as_printed = paper});
-  return HarmonicWalks<D>(*structures.distance, {.walks = options.samples,
-                                                 .thickness = options.thickness,
-                                                 .walk_steps_max = options.walk_steps_max,
-                                                 .as_printed = paper});
-}
 
 ErrorRate error_rate(const ResolvedOptions& options) {
   return options.coordinates == CoordinateKind::kHarmonic ? ErrorRate::kSquareRoot : ErrorRate::kLinear;

@@ -10,12 +10,13 @@ namespace barycast {
 namespace {
 
 template <int D>
-Result<CageIndex::Structures> build(const CageInput& input) {
+Result<CageIndex::Structures> build(const CageInput& input, DistanceEngine engine) {
   auto cage = Cage<D>::create(input);
   if (!cage) return cage.error();
   auto structures =
       std::unique_ptr<CageStructures<D>>(new CageStructures<D>{std::move(cage).value(), nullptr, nullptr, nullptr});
-  auto distance = make_distance_grid<D>(structures->cage);
+  auto distance = engine == DistanceEngine::kGrid ? make_distance_grid<D>(structures->cage)
+                                                  : make_embree_distance_index<D>(structures->cage);
   if (!distance) return distance.error();
   structures->distance = std::move(distance).value();
   auto lines = make_embree_line_index<D>(structures->cage);
@@ -72,9 +73,9 @@ Status CageIndex::check(const CageInput& input) {
   return input.dimension == 2 ? check_of<2>(input) : check_of<3>(input);
 }
 
-Result<std::shared_ptr<const CageIndex>> CageIndex::create(const CageInput& input) {
+Result<std::shared_ptr<const CageIndex>> CageIndex::create(const CageInput& input, DistanceEngine engine) {
   if (Status known = check_dimension(input); !known) return known.error();
-  auto structures = input.dimension == 2 ? build<2>(input) : build<3>(input);
+  auto structures = input.dimension == 2 ? build<2>(input, engine) : build<3>(input, engine);
   if (!structures) return structures.error();
   return std::shared_ptr<const CageIndex>(new CageIndex(std::move(structures).value(), barycast::digest(input)));
 }

@@ -37,12 +37,16 @@ struct CageStructures {
 template <int D>
 Status check_estimator(const Cage<D>& cage, const ResolvedOptions& options);
 
+// What answers the walks' distances: the grid, or Embree alone, which is slower (to compare with).
+enum class DistanceEngine { kGrid, kEmbree };
+
 class CageIndex {
  public:
   using Structures = std::variant<std::unique_ptr<const CageStructures<2>>, std::unique_ptr<const CageStructures<3>>>;
 
   // Errors: those of Cage::create, and kInvalidArgument for a dimension other than 2 or 3.
-  static Result<std::shared_ptr<const CageIndex>> create(const CageInput& input);
+  static Result<std::shared_ptr<const CageIndex>> create(const CageInput& input,
+                                                         DistanceEngine engine = DistanceEngine::kGrid);
   // Whether `create` would succeed, without building anything. Errors: the same.
   static Status check(const CageInput& input);
   // Of such a cage, without its index: as the function of that name.

@@ -121,7 +121,7 @@ class Model {
 
  private:
   static constexpr double kPosition = sizeof(Vec<D>);
-  static constexpr double kWalk = 48.0;  // one under way
+  static constexpr double kWalk = 64.0;  // one under way
   // Samples that room is made for, by walk or ray.
   double ends() const { return options_.coordinates == CoordinateKind::kHarmonic ? 1.0 : 2.0; }
   static constexpr double kChunk = 16.0;  // what malloc adds to a piece, rounding included
@@ -133,10 +133,13 @@ class Model {
   // Of every thread: moments of all control vertices, samples, walks, and a row twice while it is pruned.
   double constant() const {
     const double together = options_.samples == 0 ? 0.0 : static_cast<double>(points_per_task(options_.samples));
+    // Without denoising the fits of the points under way as well.
+    const double estimate =
+        options_.denoise == Denoise::kMesh ? 0.0 : sizeof(PointEstimate<D>) + kChunk + fits() * sizeof(LinearFit<D>);
     const double thread = vertices() * (sizeof(Vec<D + 1>) + 8.0) +
-                          options_.samples * (ends() * together * sizeof(Sample<D>) + kWalk) +
-                          2.0 * grown(vertices()) * sizeof(RowEntry<D>) + 24'000.0;
-    return 64'000.0 + static_cast<double>(size_.threads) * thread;
+                          options_.samples * (ends() * together * sizeof(Sample<D>) + kWalk) + together * estimate +
+                          2.0 * grown(vertices()) * sizeof(RowEntry<D>) + 12'000.0;
+    return 32'000.0 + static_cast<double>(size_.threads) * thread;
   }
 
   double fits() const { return grown(data_.touched, vertices(), data_); }

@@ -42,8 +42,8 @@ class DistanceIndex {
 
   // Radii of balls around positions that contain no point of the cage: never more than the distance, and as good as
   // half of it where that is more than some thousandths of the diagonal; radii[i] below it may be 0. hints[i] carries
-  // what the engine found for the walk's last position to its next one; kNoHint to begin with. Hints never change an
-  // answer. `hints` and `radii` are padded as positions are.
+  // what an engine found for the walk's last position to its next one, if it wants to; kNoHint to begin with. Hints
+  // never change an answer. `hints` and `radii` are padded as positions are.
   virtual void free_radii(const WalkPositions& at, uint32_t* hints, float* radii) const = 0;
 
   virtual size_t bytes() const = 0;
@@ -64,7 +64,8 @@ Result<std::unique_ptr<const DistanceIndex<D>>> make_embree_distance_index(const
 
 // The engine of choice: an octree over the cage and its surroundings, flattened to lattices of cells that name the
 // triangles which may be nearest; radii come in vectors, many walks at a time (grid_builder.h). What lies in no cell,
-// or far from everything, is left to Embree. Builds in some milliseconds for hundreds of elements.
+// or far from everything, is left to Embree. Builds in hundredths of a second for hundreds of elements, in about half
+// a second for any number.
 // Errors: those of make_embree_distance_index.
 template <int D>
 Result<std::unique_ptr<const DistanceIndex<D>>> make_distance_grid(const Cage<D>& cage);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace barycast {
 namespace {
@@ -16,6 +17,11 @@ ElementPoint<D> at_shares(const Vec<D>& x, const std::array<const Vec<D>*, 3>& c
 
 // Twice the area over the longest edge squared, below which a triangle is a sliver.
 constexpr double kSliver = 1e-9;
+
+// A side of a quad shorter than this part of its longest one has its corners in one place, more or less.
+constexpr double kCollapsedSide = 0.05;
+// More places to start from on such quads, along a parameter.
+constexpr int kStarts = 4;
 
 double clamp01(double t) {
   return std::clamp(t, 0.0, 1.0);
@@ -199,12 +205,38 @@ std::vector<PatchWindow> patch_windows(int cuts) {
 
 ElementPoint<3> closest_on_patch(const Vec<3>& x, const BilinearPatch& patch, const PatchWindow& window) {
   const BilinearPatch part = window.size == 1.0 ? patch : patch.part(window);
-  const auto lower = closest_on_triangle(x, part.corner[0], part.corner[1], part.corner[2]);
-  const auto upper = closest_on_triangle(x, part.corner[0], part.corner[2], part.corner[3]);
-  const bool in_lower = lower.distance_squared <= upper.distance_squared;
-  const double u = window.u + window.size * (in_lower ? lower.shares[1] + lower.shares[2] : upper.shares[1]);
-  const double v = window.v + window.size * (in_lower ? lower.shares[2] : upper.shares[1] + upper.shares[2]);
-  return closest_on_patch(x, patch, window, u, v);
+  const auto& c = part.corner;
+  const auto lower = closest_on_triangle(x, c[0], c[1], c[2]).shares,
+             upper = closest_on_triangle(x, c[0], c[2], c[3]).shares;
+  const auto from = [&](double u, double v) {
+    return closest_on_patch(x, patch, window, window.u + window.size * u, window.v + window.size * v);
+  };
+  // Where corners (nearly) coincide parameters say little, and Newton may stop short: the sides, which are straight,
+  // and more places to start from make up for it.
+  ElementPoint<3> best = from(lower[1] + lower[2], lower[2]);
+  const auto consider = [&](const ElementPoint<3>& other) {
+    if (other.distance_squared < best.distance_squared) best = other;
+  };
+  consider(from(upper[1], upper[1] + upper[2]));
+  double shortest = std::numeric_limits<double>::infinity(), longest = 0.0;
+  for (size_t i = 0; i < 4; ++i) {
+    const double side = (c[(i + 1) % 4] - c[i]).norm();
+    shortest = std::min(shortest, side);
+    longest = std::max(longest, side);
+  }
+  if (shortest > kCollapsedSide * longest) return best;
+  constexpr std::array<std::array<double, 2>, 4> kCorner = {{{0, 0}, {1, 0}, {1, 1}, {0, 1}}};
+  for (size_t i = 0; i < 4; ++i) {
+    const size_t j = (i + 1) % 4;
+    const double t = closest_on_segment<3>(x, c[i], c[j]).shares[1];
+    const double u = (1 - t) * kCorner[i][0] + t * kCorner[j][0], v = (1 - t) * kCorner[i][1] + t * kCorner[j][1];
+    const auto shares = patch.shares(window.u + window.size * u, window.v + window.size * v);
+    const Vec<3> point = patch.at(window.u + window.size * u, window.v + window.size * v);
+    consider({(point - x).squaredNorm(), point, shares});
+  }
+  for (int i = 1; i < kStarts; ++i)
+    for (int j = 1; j < kStarts; ++j) consider(from(double(i) / kStarts, double(j) / kStarts));
+  return best;
 }
 
 ElementPoint<3> closest_on_patch(const Vec<3>& x, const BilinearPatch& patch, const PatchWindow& window, double u,

@@ -91,8 +91,8 @@ Vec<3> element_normal(const Cage<3>& cage, const Element& element, const std::ar
 std::vector<PatchWindow> patch_windows(int cuts);
 
 // Closest point within a window of a patch that is nearly flat there (deviation well below its size, as
-// the accelerators cut it): Newton with the parameters clamped, from the closest point on the two
-// triangles. Shares are those of the whole patch's corners.
+// the accelerators cut it): Newton with the parameters clamped, from the closest points on the two
+// triangles, from more where corners coincide. Shares are those of the whole patch's corners.
 // differs from [SBC App. B]: alternating projections converge linearly on skewed patches; Newton needs
 // about three iterations, and falls back to the alternation where a bound is active.
 ElementPoint<3> closest_on_patch(const Vec<3>& x, const BilinearPatch& patch, const PatchWindow& window);

@@ -13,8 +13,8 @@ constexpr double kDeviationOfSize = 0.05;
 // exact distances before they arrive; finer, and cells list more triangles.
 constexpr std::array<double, 3> kDeviationMax = {std::numeric_limits<double>::infinity(), 4e-3, 2.4e-4};
 constexpr int kCutsMax = 6;
-// Detail is not worth more memory than this; distances are decided exactly without it, only later.
-constexpr size_t kTrianglesMax = size_t{1} << 19;
+// A level with more triangles than this is left out: distances are decided exactly without it, only later.
+constexpr size_t kTrianglesMax = size_t{1} << 15;
 
 template <int D>
 Vec<3> in_space(const Vec<D>& x) {
@@ -24,9 +24,7 @@ Vec<3> in_space(const Vec<D>& x) {
 }
 
 void add_patch(const BilinearPatch& patch, uint32_t element, double deviation_max, FacetLevels& out) {
-  const bool has_room = out.triangles.size() < kTrianglesMax;
-  for (const PatchWindow& window :
-       patch_windows(patch.cuts(has_room ? deviation_max : kDeviationMax[0], kDeviationOfSize, kCutsMax))) {
+  for (const PatchWindow& window : patch_windows(patch.cuts(deviation_max, kDeviationOfSize, kCutsMax))) {
     const BilinearPatch part = patch.part(window);
     const auto facet = static_cast<uint32_t>(out.facets.size());
     out.facets.push_back({element, window});
@@ -57,12 +55,23 @@ void add_level(const Cage<D>& cage, double deviation_max, FacetLevels& out) {
   out.levels.push_back({first, static_cast<uint32_t>(out.triangles.size()) - first});
 }
 
+template <int D>
+size_t triangles_of_level(const Cage<D>& cage, double deviation_max) {
+  size_t count = cage.elements().size();
+  if constexpr (D == 3)
+    for (const Element& element : cage.elements())
+      if (element.kind == ElementKind::kQuad)
+        count += (size_t{2} << (2 * patch_of(cage, element).cuts(deviation_max, kDeviationOfSize, kCutsMax))) - 1;
+  return count;
+}
+
 }  // namespace
 
 template <int D>
 FacetLevels make_facet_levels(const Cage<D>& cage) {
   FacetLevels result;
   for (const double deviation_max : kDeviationMax) {
+    if (!result.levels.empty() && triangles_of_level(cage, deviation_max) > kTrianglesMax) break;
     add_level(cage, deviation_max, result);
     const double deviation = *std::max_element(result.deviation.begin(), result.deviation.end());
     if (result.levels.size() == 1 && deviation <= kDeviationMax.back()) break;  // finer ones would be the same

@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <deque>
 #include <limits>
 #include <map>
+#include <memory>
 
 #include "base/tolerances.h"
 #include "query/grid_lanes.h"
@@ -18,11 +20,17 @@ constexpr double kInnerPadding = 0.02;
 constexpr double kOuterReach = kReentryRadius + 0.01;
 constexpr uint32_t kOuterCells = 32;
 // Cells with more blocks are cut, or, where everything is this many of their half diagonals away, only know how far it
-// is: their radii are (k - 1) / (k + 1) of the distance at least.
-constexpr size_t kBlocksEnough = 2;
-constexpr double kFar = 8.0;
+// is: their radii are (k - 1) / (k + 1) of the distance at least. Less far is enough where the list would be long.
+constexpr size_t kBlocksEnough = 2, kBlocksMany = 6;
+constexpr double kFar = 8.0, kFarOfMany = 4.0;
 // Facets may deviate by this part of the distance, which the radius then falls short by.
 constexpr double kDetail = 0.025;
+// Evaluations of blocks, of some ten nanoseconds each, for a lattice. Cubes are cut from large to small: where a cage
+// is too dense for it, all cells stay coarse, and list more.
+constexpr uint64_t kEvaluationsMax = 3'000'000;
+// Entries of all lists. Beyond, cells know nothing and leave their points to Embree.
+constexpr size_t kListedMax = size_t{1} << 22;
+static_assert(kListedMax + kGridLengthMax + 1 < kGridFarBit >> kGridLengthBits, "lists begin below the top bit");
 // A position may be found in the cell beside its own by rounding: cells cover a little more than themselves.
 constexpr double kCellMargin = 1.0 + 1e-4;
 
@@ -135,10 +143,19 @@ class Builder {
     return result;
   }
 
+  // Of every level, the blocks that a cube cannot do without; none on levels too coarse for it.
+  using Kept = std::vector<std::vector<uint32_t>>;
+  struct Task {
+    Cube cube;
+    std::shared_ptr<const Kept> blocks;  // of the cube that this one was cut from
+  };
+
   void fill(const GridLattice& lattice) {
     lattice_ = &lattice;
+    evaluations_left_ = kEvaluationsMax;
     const uint32_t size = std::bit_ceil(std::max({lattice.count[0], lattice.count[1], lattice.count[2]}));
-    subdivide({0, 0, 0, size}, level_blocks_);
+    tasks_.push_back({{0, 0, 0, size}, std::make_shared<const Kept>(level_blocks_)});
+    for (; !tasks_.empty(); tasks_.pop_front()) subdivide(tasks_.front());
   }
 
   Vec<3> centre_of(const Cube& cube) const {
@@ -147,25 +164,38 @@ class Builder {
     return {at(0, cube.x), at(1, cube.y), dimension_ == 2 ? 0.0 : at(2, cube.z)};
   }
 
-  // `blocks`: of every level, those that the cube above could not do without.
-  void subdivide(const Cube& cube, const std::vector<std::vector<uint32_t>>& blocks) {
-    if (cube.x >= lattice_->count[0] || cube.y >= lattice_->count[1] || cube.z >= lattice_->count[2]) return;
+  void subdivide(const Task& task) {
+    const Cube& cube = task.cube;
     const Vec<3> centre = centre_of(cube);
     const double half = 0.5 * cube.size * lattice_->cell * std::sqrt(dimension_) * kCellMargin;
-    std::vector<std::vector<uint32_t>> kept(blocks.size());
-    for (size_t level = 0; level < blocks.size(); ++level) {
-      std::vector<Near> near = nearest(blocks[level], centre, half);
-      if (detailed(near, half) || level + 1 == blocks.size()) {
+    Kept kept(task.blocks->size());
+    std::vector<Near> near;
+    uint64_t next = 0;  // evaluations of a cube cut from this one
+    for (size_t level = 0; level < kept.size(); ++level) {
+      const std::vector<uint32_t>& blocks = (*task.blocks)[level];
+      if (blocks.empty()) continue;
+      evaluations_left_ -= std::min<uint64_t>(evaluations_left_, blocks.size());
+      near = nearest(blocks, centre, half);
+      const bool finest = level + 1 == kept.size();
+      if (finest || detailed(near, half)) {
         if (near.size() <= kBlocksEnough) return set(cube, listed(near));
-        if (least_distance(near) > kFar * half) return set(cube, far(centre, near));
-        if (cube.size == 1) return set(cube, near.size() <= kGridLengthMax ? listed(near) : kNoCell);
+        if (least_distance(near) > (near.size() > kBlocksMany ? kFarOfMany : kFar) * half)
+          return set(cube, far(centre, near));
       }
+      if (!finest && deviation_min(near) > kDetail * (near.front().distance + half)) continue;  // for all of the cube
       for (const Near& n : near) kept[level].push_back(n.block);
+      next += near.size();
     }
+    const uint32_t children = dimension_ == 2 ? 4 : 8;
+    if (cube.size == 1 || evaluations_left_ < children * next) return set(cube, listed(near));
+    const auto shared = std::make_shared<const Kept>(std::move(kept));
     const uint32_t step = cube.size / 2;
-    for (uint32_t child = 0; child < (dimension_ == 2 ? 4u : 8u); ++child)
-      subdivide({cube.x + step * (child & 1), cube.y + step * (child >> 1 & 1), cube.z + step * (child >> 2), step},
-                kept);
+    for (uint32_t child = 0; child < children; ++child) {
+      const Cube part{cube.x + step * (child & 1), cube.y + step * (child >> 1 & 1), cube.z + step * (child >> 2),
+                      step};
+      if (part.x < lattice_->count[0] && part.y < lattice_->count[1] && part.z < lattice_->count[2])
+        tasks_.push_back({part, shared});
+    }
   }
 
   // The blocks with the triangle nearest to some point within `half` of the centre, from near to far.
@@ -195,6 +225,12 @@ class Builder {
     return deviation;
   }
 
+  double deviation_min(const std::vector<Near>& near) const {
+    double deviation = std::numeric_limits<double>::infinity();
+    for (const Near& n : near) deviation = std::min(deviation, deviation_[n.block]);
+    return deviation;
+  }
+
   // Whether these blocks follow the cage as closely as the distance asks for.
   bool detailed(const std::vector<Near>& near, double half) const {
     return deviation_of(near) <= kDetail * std::max(0.0, near.front().distance - half);
@@ -221,8 +257,9 @@ class Builder {
     return kGridFarBit | static_cast<uint32_t>(grid_.far.size() - 1);
   }
 
-  // A list of these blocks; cells with the same ones share it, whatever their order.
+  // A list of these blocks; cells with the same ones share it, whatever their order. kNoCell where they are too many.
   uint32_t listed(const std::vector<Near>& near) {
+    if (near.size() > kGridLengthMax || grid_.lists.size() > kListedMax) return kNoCell;
     std::vector<uint32_t> blocks;
     for (const Near& n : near) blocks.push_back(n.block);
     std::vector<uint32_t> key = blocks;
@@ -243,6 +280,8 @@ class Builder {
   std::vector<std::vector<uint32_t>> level_blocks_;
   std::map<std::vector<uint32_t>, uint32_t> lists_;  // blocks, ascending, to where the list begins
   const GridLattice* lattice_ = nullptr;
+  std::deque<Task> tasks_;
+  uint64_t evaluations_left_ = 0;
   GridTables grid_;
 };
 

@@ -45,9 +45,4 @@ void set_lane(TriangleBlock& block, size_t lane, const std::array<Vec<3>, 3>& co
   block.triangle[lane] = triangle;
 }
 
-void copy_lane(const TriangleBlock& from, size_t from_lane, TriangleBlock& to, size_t to_lane) {
-  for (size_t row = 0; row < TriangleBlock::kRows; ++row) to.row[row][to_lane] = from.row[row][from_lane];
-  to.triangle[to_lane] = from.triangle[from_lane];
-}
-
 }  // namespace barycast

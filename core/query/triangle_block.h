@@ -28,8 +28,6 @@ struct alignas(64) TriangleBlock {
 // edge. Corners are in the normalized frame.
 void set_lane(TriangleBlock& block, size_t lane, const std::array<Vec<3>, 3>& corners, uint32_t triangle);
 
-void copy_lane(const TriangleBlock& from, size_t from_lane, TriangleBlock& to, size_t to_lane);
-
 // What a distance computed from a block is wrong by at most, for points within two diagonals of the origin: rounding
 // of coordinates, and of the distance itself. Measured against doubles: 4e-7 and 4e-7.
 inline constexpr float kBlockRounding = 1e-6f;

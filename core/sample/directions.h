@@ -34,18 +34,6 @@ inline SineCosine sine_cosine_of_turns(double turns) {
   return {((turn & 2) != 0 ? -1.0 : 1.0) * (swap ? c : s), (((turn + 1) & 2) != 0 ? -1.0 : 1.0) * (swap ? s : c)};
 }
 
-template <int D>
-Vec<D> uniform_direction(const std::array<double, 2>& random) {
-  const SineCosine angle = sine_cosine_of_turns(random[0]);
-  if constexpr (D == 2) {
-    return {angle.cosine, angle.sine};
-  } else {
-    const double z = 1 - 2 * random[1];
-    const double r = std::sqrt(std::max(0.0, 1 - z * z));
-    return {r * angle.cosine, r * angle.sine, z};
-  }
-}
-
 // Where Brownian motion from x, |x| > radius, first meets the sphere of that radius about the origin,
 // given that it does: the exterior Poisson kernel, by inversion of its distribution function. In the
 // plane it always does; in space with probability radius / |x|.

@@ -16,6 +16,9 @@ namespace {
 // Walks under way at a time, at least, while there are queries left: enough that vectors stay full when single walks go
 // on and on, and little enough for the nearest cache.
 constexpr size_t kPoolWalks = 320;
+// Walks between two looks at `cancel`: microseconds, but a hundred times that where thousands of triangles meet. A
+// multiple of kWalkLanes.
+constexpr size_t kCheckEvery = 128;
 // Without re-entry a walk this far out comes back with a probability of 1e-6: it is discarded.
 constexpr double kEscapeRadius = 1e6;
 
@@ -58,7 +61,7 @@ struct HarmonicWalks<D>::Pool {
     for (auto* array : {&walk, &hint, &rank, &first, &second, &marked, &kept}) array->resize(size);
   }
 
-  // The first float position of a walk from the query, and all of its walks there.
+  // All walks of a query, at its origin.
   void add(size_t query, uint32_t walks) {
     groups.push_back({query, count, walks, 0});
     const Vec<D>& origin = queries[query].origin;
@@ -144,7 +147,7 @@ void HarmonicWalks<D>::draw_numbers(Pool& pool) const {
 }
 
 template <int D>
-void HarmonicWalks<D>::move(Pool& pool) const {
+bool HarmonicWalks<D>::move(Pool& pool, const std::atomic<bool>& cancel) const {
   const float reach =
       settings_.as_printed ? std::numeric_limits<float>::infinity() : static_cast<float>(kReentryRadius);
   const size_t beyond =
@@ -165,7 +168,12 @@ void HarmonicWalks<D>::move(Pool& pool) const {
     ++group.step;
     pool.out[group.query].counts.steps += group.count;
   }
-  distance_.free_radii({pool.x.data(), pool.y.data(), pool.z.data(), pool.count}, pool.hint.data(), pool.radius.data());
+  for (size_t i = 0; i < pool.count; i += kCheckEvery) {
+    if (cancel.load(std::memory_order_relaxed)) return false;
+    distance_.free_radii({&pool.x[i], &pool.y[i], &pool.z[i], std::min(kCheckEvery, pool.count - i)}, &pool.hint[i],
+                         &pool.radius[i]);
+  }
+  return true;
 }
 
 // Whether the walk is under way still. A free radius never exceeds the distance: only below the thickness may it have
@@ -184,12 +192,15 @@ bool HarmonicWalks<D>::settle_one(Pool& pool, size_t i) const {
 
 // Ends the walks that arrived or reached the step limit.
 template <int D>
-void HarmonicWalks<D>::settle(Pool& pool) const {
+bool HarmonicWalks<D>::settle(Pool& pool, const std::atomic<bool>& cancel) const {
   std::fill_n(pool.kept.begin(), pool.count, 1u);
   const size_t near =
       find_arriving(pool.radius.data(), pool.count, static_cast<float>(settings_.thickness), pool.marked.data());
   bool all_kept = true;
-  for (size_t k = 0; k < near; ++k) all_kept &= settle_one(pool, pool.marked[k]);
+  for (size_t k = 0; k < near; ++k) {
+    if (k % kCheckEvery == 0 && cancel.load(std::memory_order_relaxed)) return false;
+    all_kept &= settle_one(pool, pool.marked[k]);
+  }
   for (const typename Pool::Group& group : pool.groups) {
     const bool at_limit = group.step >= settings_.walk_steps_max;
     if (!at_limit && !settings_.as_printed) continue;
@@ -197,6 +208,7 @@ void HarmonicWalks<D>::settle(Pool& pool) const {
       if (pool.kept[i] == 0) continue;
       SampleCounts& counts = pool.out[group.query].counts;
       if (at_limit && !settings_.as_printed) {
+        if (i % kCheckEvery == 0 && cancel.load(std::memory_order_relaxed)) return false;
         ++counts.capped;
         pool.end(i, distance_.closest(pool.position(i)), SampleEnd::kCapped);
       } else if (at_limit || pool.position(i).squaredNorm() > kEscapeRadius * kEscapeRadius) {
@@ -207,6 +219,7 @@ void HarmonicWalks<D>::settle(Pool& pool) const {
     }
   }
   if (!all_kept) pool.compact();
+  return true;
 }
 
 template <int D>
@@ -217,8 +230,7 @@ bool HarmonicWalks<D>::sample(std::span<const SampleQuery<D>> queries, const std
     if (cancel.load(std::memory_order_relaxed)) return false;
     while (next < queries.size() && pool.count < kPoolWalks) pool.add(next++, settings_.walks);
     draw_numbers(pool);
-    move(pool);
-    settle(pool);
+    if (!move(pool, cancel) || !settle(pool, cancel)) return false;
   }
   return true;
 }

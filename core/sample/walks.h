@@ -42,8 +42,8 @@ class HarmonicWalks {
  private:
   struct Pool;
   void draw_numbers(Pool& pool) const;
-  void move(Pool& pool) const;
-  void settle(Pool& pool) const;
+  bool move(Pool& pool, const std::atomic<bool>& cancel) const;
+  bool settle(Pool& pool, const std::atomic<bool>& cancel) const;
   bool settle_one(Pool& pool, size_t i) const;
 
   const DistanceIndex<D>& distance_;

@@ -9,5 +9,5 @@ ROOT = Path(__file__).resolve().parents[2]
 BIN = Path(os.environ.get("BARYCAST_BIN_DIR", ROOT / "build" / "bin")).resolve()
 PROTO = Path(os.environ.get("BARYCAST_PYTHON_PROTO", BIN.parent / "python")).resolve()
 
-sys.path[:0] = [str(ROOT / "client_examples" / "python"), str(PROTO), str(ROOT / "tests" / "benchmarks")]
+sys.path[:0] = [str(ROOT / "client_examples" / "python"), str(PROTO)]
 os.environ.setdefault("BARYCASTD", str(BIN / "barycastd"))

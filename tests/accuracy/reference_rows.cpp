@@ -1,9 +1,8 @@
 // Rows by the reference instruments: reference_rows JOB METHOD ARGUMENT OUTPUT
 //
-// JOB is a file of tests/benchmarks/remote_overhead.py: a count (u64) and the data of each of control vertices (f8, 3 a
-// vertex), triangles (u4), quads (u4), points (f8), face offsets (u4) and face corners (u4); faces are not used. OUTPUT
-// gets points x control vertices little-endian float64, not a number where a method has no row. Prints a line of what
-// it took. METHOD and ARGUMENT:
+// JOB is a file of tests/accuracy/references.py: a count (u64) and the data of each of control vertices (f8, 3 a
+// vertex), triangles (u4), quads (u4) and points (f8). OUTPUT gets points x control vertices little-endian float64, not
+// a number where a method has no row. Prints a line of what it took. METHOD and ARGUMENT:
 //   positive DIRECTIONS    positive mean value coordinates by brute-force visibility
 //   volumetric RESOLUTION  harmonic coordinates on a grid
 //   mean_value 0           mean value coordinates of a closed cage by quadrature, for points off it

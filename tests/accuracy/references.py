@@ -18,13 +18,10 @@ import subprocess
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Optional
 
 import numpy as np
-from remote_overhead import write_job
 
-from barycast.cage import Faces
 from surface import Elements
 
 TIMEOUT_SECONDS = 1800
@@ -44,6 +41,14 @@ class Reference:
     method: str
     gradients: Optional[np.ndarray] = None
     gradient_own_error: Optional[float] = None
+
+
+def write_job(path, elements, points):
+    """The file that `reference_rows` reads."""
+    with open(path, "wb") as file:
+        for array in (np.asarray(elements.nodes, "f8"), np.asarray(elements.triangles, "u4"),
+                      np.asarray(elements.quads, "u4"), np.asarray(points, "f8")):
+            file.write(np.uint64(array.size).tobytes() + np.ascontiguousarray(array).tobytes())
 
 
 def dense_gradients(binding):
@@ -134,10 +139,9 @@ class References:
             raise NoReference(f"{method}: there is no program {self._program}; build the target reference_rows or name "
                               "it with --reference-rows")
         elements = self._elements
-        cage = SimpleNamespace(control_vertices=elements.nodes, triangles=elements.triangles, quads=elements.quads)
         with tempfile.TemporaryDirectory() as folder:
             job, out = Path(folder) / "job", Path(folder) / "rows"
-            write_job(job, cage, SimpleNamespace(points=points, faces=Faces()))
+            write_job(job, elements, points)
             done = subprocess.run([self._program, job, method, str(argument), out], capture_output=True, text=True,
                                   timeout=TIMEOUT_SECONDS)
             if done.returncode:

@@ -2,11 +2,11 @@
 """What the service costs: remote_overhead.py CAGE MODEL [--coordinates K] [--samples M] [--repeats N]
 
 Runs the same binding through a daemon on loopback (the Python client, cage already uploaded, all rows received) and in
-process (in_process_bind), in turns, and prints the medians, their ratio, and where the difference goes: the server's
-stages against what is left. Gradients, denoised, float32 rows. Wants build/bin and build/python, and a quiet machine.
+process (barycast_bench, less the building of the index), in turns, and prints the medians, their ratio, and where the
+difference goes: the server's stages against what is left. Gradients, denoised, float32 rows. Wants build/bin and build/python, and a quiet machine.
 """
 import argparse
-import re
+import json
 import statistics
 import subprocess
 import sys
@@ -18,18 +18,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "client_examples/python"), str(ROOT / "build/python")]
 BIN = ROOT / "build/bin"
 
-import numpy as np  # noqa: E402
-
 from barycast import Client, load_cage, load_model  # noqa: E402
-
-
-def write_job(path, cage, model):
-    faces = model.faces
-    arrays = [np.asarray(cage.control_vertices, "f8"), np.asarray(cage.triangles, "u4"), np.asarray(cage.quads, "u4"),
-              np.asarray(model.points, "f8"), np.asarray(faces.offsets, "u4"), np.asarray(faces.corners, "u4")]
-    with open(path, "wb") as file:
-        for array in arrays:
-            file.write(np.uint64(array.size).tobytes() + np.ascontiguousarray(array).tobytes())
 
 
 def main():
@@ -43,8 +32,6 @@ def main():
     cage, model = load_cage(arguments.cage), load_model(arguments.model)
     remote, local, server = [], [], []
     with tempfile.TemporaryDirectory() as folder:
-        job = Path(folder) / "job"
-        write_job(job, cage, model)
         daemon = subprocess.Popen([BIN / "barycastd", "--listen", "127.0.0.1:0", "--exit-on-stdin-close",
                                    "--port-file", Path(folder) / "port"], stdin=subprocess.PIPE,
                                   stderr=subprocess.DEVNULL)
@@ -61,9 +48,11 @@ def main():
                                           samples=arguments.samples, gradients=True)
                     remote.append(time.perf_counter() - start)
                     server.append(sum(v for k, v in binding.report["seconds"].items() if k != "total"))
-                    done = subprocess.run([BIN / "in_process_bind", job, arguments.coordinates,
-                                           str(arguments.samples), "1"], check=True, capture_output=True, text=True)
-                    local.append(float(re.match(r"[\d.]+", done.stdout).group()))
+                    done = subprocess.run([BIN / "barycast_bench", "--cage", arguments.cage, "--model", arguments.model,
+                                           "--coordinates", arguments.coordinates, "--samples",
+                                           str(arguments.samples), "--json"], check=True, capture_output=True)
+                    figures = json.loads(done.stdout)
+                    local.append(figures["total_s"] - figures["stages"]["build"])
         finally:
             daemon.stdin.close()
             daemon.wait(timeout=60)

@@ -179,6 +179,22 @@ TEST(Cost, EstimateIsWithinAQuarterOfThePeak) {
   }
 }
 
+// The fits of the points under way, which nothing else grows with: few points, many control vertices, short rows.
+TEST(Cost, BoundHoldsForFewPointsOfManyVertices) {
+  for (const int n : {16, 32})
+    for (const uint32_t samples : {50u, 500u})
+      for (const auto kind : {CoordinateKind::kHarmonic, CoordinateKind::kPositiveMeanValue}) {
+        const auto index = testing::make_index(testing::sphere(n, 1.0));
+        Options choice = choices(samples, false, 1e-4);
+        choice.influences_max = 4;
+        choice.coordinates = kind;
+        const auto options = *resolve(choice, false);
+        const QueryInput queries = loose(256);
+        EXPECT_GE(bound_memory_bytes(size_of(*index, queries), options), measure(index, queries, options).peak)
+            << n << " " << samples;
+      }
+}
+
 // However many hits a ray has, memory stays below the bound; only the estimate cannot know.
 TEST(Cost, BoundHoldsForRaysThroughManyLayers) {
   const auto index = testing::make_index(nested(20));

@@ -110,6 +110,7 @@ void check_against_brute_force(const Shape& shape, size_t count, double reach) {
     check_index(*cage, *index, at, points, brute, reach);
   }
 }
+
 TEST(Distance, MatchesBruteForceOnTriangles) {
   Shape shape = testing::sphere(12, 1.0);
   for (size_t q = 0; q < shape.quads.size(); q += 4)
@@ -205,6 +206,49 @@ TEST(Distance, GridAgreesWithEmbreeWhereEverythingMeets) {
     fan.triangles.insert(fan.triangles.end(), {0, 1, 2 + i});
   }
   check_grid(fan, 4000, 0.5);
+}
+
+// Corners in one place, or nearly: by closest points on the patch's rulings, which are straight.
+TEST(Distance, FindsTheClosestPointOfQuadsWithCoincidingCorners) {
+  const auto numbers = testing::random_points(40, 3, -1, 1, 19);
+  const auto at = [&](size_t i) { return Vec<3>(Eigen::Map<const Vec<3>>(numbers.data() + 3 * i)); };
+  double worst = 0.0;
+  for (size_t q = 0; q < 8; ++q)
+    for (const double apart : {0.0, 1e-9, 1e-3}) {
+      const Vec<3> a = at(3 * q), b = at(3 * q + 1), c = at(3 * q + 2), beside = a + apart * (c - b);
+      const BilinearPatch patch = q % 2 == 0 ? BilinearPatch{{a, beside, b, c}} : BilinearPatch{{a, b, c, beside}};
+      const auto queries = testing::random_points(200, 3, -2, 2, 23);
+      for (size_t i = 0; i < 200; ++i) {
+        const Vec<3> x = Eigen::Map<const Vec<3>>(queries.data() + 3 * i);
+        double brute = std::numeric_limits<double>::infinity();
+        for (int k = 0; k <= 2000; ++k) {
+          const double u = k / 2000.0;
+          brute = std::min(brute, closest_on_segment<3>(x, patch.at(u, 0), patch.at(u, 1)).distance_squared);
+        }
+        const double found = std::sqrt(closest_on_patch(x, patch, PatchWindow{}).distance_squared);
+        worst = std::max(worst, found - std::sqrt(brute));
+      }
+    }
+  EXPECT_LT(worst, 1e-4);
+}
+
+// Any number of triangles anywhere: the work and the memory of the grid are bounded, and answers stay right.
+TEST(Distance, GridOfADenseSoupIsBounded) {
+  constexpr uint32_t kTriangles = 20'000;
+  const auto numbers = testing::random_points(4 * kTriangles, 3, -0.5, 0.5, 29);
+  Shape soup;
+  for (uint32_t i = 0; i < kTriangles; ++i)
+    for (uint32_t k = 0; k < 3; ++k) {
+      for (uint32_t axis = 0; axis < 3; ++axis)
+        soup.vertices.push_back(numbers[12 * i + axis] + 0.5 * numbers[12 * i + 3 * (k + 1) + axis]);
+      soup.triangles.push_back(3 * i + k);
+    }
+  const auto cage = Cage<3>::create(soup.input());
+  ASSERT_TRUE(cage.ok());
+  const auto grid = make_distance_grid<3>(*cage), embree = make_embree_distance_index<3>(*cage);
+  ASSERT_TRUE(grid.ok() && embree.ok());
+  EXPECT_LT((*grid)->bytes() - (*embree)->bytes(), size_t{64} << 20);
+  check_grid(soup, 400, 0.6);
 }
 
 TEST(Distance, RefusesMoreTwistedQuadsThanItCanHold) {

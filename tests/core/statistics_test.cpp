@@ -89,7 +89,6 @@ double error_slope(bool independent, double wrong_part) {
     sxy += (log_m[i] - mx) * (log_error[i] - my);
     sxx += (log_m[i] - mx) * (log_m[i] - mx);
   }
-  std::printf("slope %.3f\n", sxy / sxx);
   return sxy / sxx;
 }
 
@@ -112,7 +111,6 @@ TEST(Rate, OrderedWalksHaveLessErrorThanIndependentOnes) {
   for (const uint32_t samples : {50u, 500u, 5000u}) {
     const double ratio = box_error(structures, *structures.distance, samples, false) /
                          box_error(structures, *structures.distance, samples, true);
-    std::printf("%u walks: %.2f of the error\n", samples, ratio);
     EXPECT_LT(ratio, samples == 50 ? 0.95 : 0.8);
   }
 }

@@ -2,8 +2,12 @@
 
 #include <gtest/gtest.h>
 
+#include <numeric>
+
 #include "base/random.h"
+#include "query/distance_index.h"
 #include "sample/directions.h"
+#include "sample/walk_lanes.h"
 
 namespace barycast {
 namespace {
@@ -36,23 +40,48 @@ TEST(Directions, SineAndCosineAreExactToRounding) {
   }
 }
 
+// Where walks from the origin are after a step of length one, with independent numbers.
 template <int D>
 void expect_uniform_directions() {
-  const QueryRandom random(1, 2);
+  const size_t size = kDraws + kWalkLanes;
+  std::vector<float> x(size), y(size), z(size), radius(size, 1.0f), weight(size, 1.0f);
+  std::vector<uint32_t> walk(size), hint(size), first(size), second(size), beyond(size);
+  std::iota(walk.begin(), walk.end(), 0u);
+  independent_numbers(QueryRandom(1, 2), walk.data(), kDraws, 0, first.data(), second.data());
+  const WalkArrays walks{x.data(), y.data(), z.data(), radius.data(), weight.data(), walk.data(), hint.data()};
+  ASSERT_EQ(move_walks(walks, first.data(), second.data(), kDraws, D, 0.5f, beyond.data()), 0u);
   Vec<D> mean = Vec<D>::Zero();
-  Mat<D> second = Mat<D>::Zero();
+  Mat<D> moment = Mat<D>::Zero();
   for (uint32_t i = 0; i < kDraws; ++i) {
-    const Vec<D> direction = uniform_direction<D>(random.pair(i, 0));
-    ASSERT_NEAR(direction.norm(), 1.0, 1e-14);
+    Vec<D> direction;
+    direction[0] = x[i];
+    direction[1] = y[i];
+    if constexpr (D == 3) direction[2] = z[i];
+    ASSERT_NEAR(direction.norm(), 1.0, 5e-7);
     mean += direction / kDraws;
-    second += direction * direction.transpose() / kDraws;
+    moment += direction * direction.transpose() / kDraws;
   }
   EXPECT_LT(mean.norm(), 2 * kFive);
-  EXPECT_LT((second - Mat<D>::Identity() / D).norm(), 3 * kFive);
+  EXPECT_LT((moment - Mat<D>::Identity() / D).norm(), 3 * kFive);
+  // Now they are all beyond the reach, and stay.
+  EXPECT_EQ(move_walks(walks, first.data(), second.data(), kDraws, D, 0.5f, beyond.data()), kDraws);
+  EXPECT_EQ(beyond[kDraws - 1], kDraws - 1);
 }
 TEST(Directions, AreUniform) {
   expect_uniform_directions<2>();
   expect_uniform_directions<3>();
+}
+
+// The vector code draws the numbers that QueryRandom does.
+TEST(Random, WalksDrawTheNumbersOfTheirQuery) {
+  const QueryRandom random(0x123456789abcdef0, 0xfedcba9876543210);
+  std::vector<uint32_t> walk(40), first(64), second(64);
+  std::iota(walk.begin(), walk.end(), 5u);
+  independent_numbers(random, walk.data(), 24, 7, first.data(), second.data());
+  for (size_t i = 0; i < 24; ++i) {
+    EXPECT_EQ(first[i], random.bits(walk[i], 7)[0]);
+    EXPECT_EQ(second[i], random.bits(walk[i], 7)[2]);
+  }
 }
 
 // Under the exterior hitting law harmonic functions that vanish at infinity keep their means: for the

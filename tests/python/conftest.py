@@ -89,13 +89,22 @@ def daemon(request) -> Path:
     return request.getfixturevalue(f"{request.param}_daemon")
 
 
-@pytest.fixture
-def program() -> Path:
-    """barycast_bind, the C++ client's program."""
-    path = real_daemon_path().with_name("barycast_bind")
+def built_program(name) -> Path:
+    path = real_daemon_path().with_name(name)
     if not path.exists():
         pytest.skip(f"no program {path} (environment variable BARYCAST_BIN_DIR)")
     return path
+
+
+@pytest.fixture
+def program() -> Path:
+    """barycast_bind, the C++ client's program."""
+    return built_program("barycast_bind")
+
+
+@pytest.fixture
+def barycast_bench() -> Path:
+    return built_program("barycast_bench")
 
 
 @pytest.fixture

@@ -86,7 +86,8 @@ class Client:
              influences_max: int = 0, estimator: str = "sampling", panels: Optional[int] = None) -> Binding:
         """All rows of `compute` as one sparse matrix. None follows the preset. influences_max: coordinates kept per
         row, d + 1 or more; 0: all. estimator: "sampling", or without samples "boundary-element" (harmonic, at most
-        `panels` of them) or "exact" (mean value, closed triangle cages). Throws InputError, ServerError."""
+        `panels` of them) or "exact" (mean value, closed cages of triangles and
+        polygons). Throws InputError, ServerError."""
         options = compute_options(coordinates, preset, samples, seed, denoise, thickness, walk_steps_max, prune_below,
                                   smoothing_time, estimator, panels)
         output = output_options(dtype, gradients, influences_max)

@@ -40,7 +40,7 @@ def find_binary() -> str:
     found = shutil.which(str(built)) or shutil.which("barycastd")
     if not found:
         raise InputError("there is no barycastd: build it, put it on PATH, name it in the environment variable "
-                         "BARYCASTD, or give the address of a running server (--server HOST:PORT)", field="server")
+                         "BARYCASTD, or give the address of a running server, HOST:PORT", field="server")
     return found
 
 

@@ -1,0 +1,39 @@
+"""The benchmark program at a tiny size: that it runs, and says what its help promises. Nothing is timed here."""
+
+import json
+import subprocess
+
+import pytest
+
+import shapes
+
+STAGES = ["build", "walk", "moments", "solve", "smooth_factor", "smooth_solve", "prune", "encode"]
+
+
+@pytest.fixture
+def files(tmp_path):
+    (tmp_path / "cage.obj").write_text(shapes.obj_text(shapes.box_vertices(), shapes.BOX_QUADS))
+    (tmp_path / "model.obj").write_text(shapes.grid_text(12))
+    return ["--cage", tmp_path / "cage.obj", "--model", tmp_path / "model.obj"]
+
+
+def run(program, *arguments):
+    return subprocess.run([program, *arguments], capture_output=True, text=True, timeout=120)
+
+
+def test_every_combination_is_a_variant(barycast_bench, files):
+    done = run(barycast_bench, *files, "--engine", "grid,embree", "--isa", "avx2", "--threads", "1,2", "--samples", "20",
+               "--repeats", "2", "--json")
+    assert done.returncode == 0, done.stderr
+    variants = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [(v["engine"], v["threads"]) for v in variants] == [("grid", 1), ("grid", 2), ("embree", 1), ("embree", 2)]
+    for variant in variants:
+        assert (variant["points"], variant["control_vertices"], variant["isa"]) == (144, 8, "avx2")
+        assert list(variant["stages"]) == STAGES
+        assert variant["walks_per_second"] > 0 and variant["peak_bytes"] > 0
+        assert 0 < variant["total_s_least"] <= variant["total_s"] <= variant["total_s_most"]
+
+
+def test_refuses_what_it_cannot_read(barycast_bench, files, tmp_path):
+    done = run(barycast_bench, *files[:3], tmp_path / "missing.obj")
+    assert done.returncode == 2 and "missing.obj" in done.stderr
