@@ -20,7 +20,7 @@ using IntTag = hn::RebindToSigned<Tag>;
 using Floats = hn::Vec<Tag>;
 using Ints = hn::Vec<IntTag>;
 constexpr Tag kTag;
-constexpr BlockTag kBlockTag;
+[[maybe_unused]] constexpr BlockTag kBlockTag;
 constexpr IntTag kIntTag;
 constexpr size_t kWidth = hn::MaxLanes(kTag);
 constexpr size_t kBlocksPerVector = kWidth / kBlockLanes;
