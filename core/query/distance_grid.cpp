@@ -44,12 +44,7 @@ class DistanceGrid final : public DistanceIndex<D> {
   void free_radii(const WalkPositions& at, uint32_t* /*hints*/, float* radii) const override {
     grid_radii(grid_, at, radii);
     for (size_t i = 0; i < at.count; ++i) {
-      if (radii[i] != kNotInGrid) continue;
-      Vec<D> x;
-      x[0] = at.x[i];
-      x[1] = at.y[i];
-      if constexpr (D == 3) x[2] = at.z[i];
-      radii[i] = static_cast<float>(everywhere_->closest(x).distance * (1 - 1e-7));
+      if (radii[i] == kNotInGrid) radii[i] = rounded_down(everywhere_->closest(position_of<D>(at, i)).distance);
     }
   }
 

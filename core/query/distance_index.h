@@ -30,6 +30,20 @@ struct WalkPositions {
 inline constexpr size_t kWalkLanes = 16;
 
 template <int D>
+Vec<D> position_of(const WalkPositions& at, size_t i) {
+  Vec<D> x;
+  x[0] = at.x[i];
+  x[1] = at.y[i];
+  if constexpr (D == 3) x[2] = at.z[i];
+  return x;
+}
+
+// The radius of a ball for walks: never more than in double.
+inline float rounded_down(double radius) {
+  return static_cast<float>(radius * (1 - 1e-7));
+}
+
+template <int D>
 class DistanceIndex {
  public:
   virtual ~DistanceIndex() = default;

@@ -67,10 +67,6 @@ std::vector<Facet<D>> make_facets(const Cage<D>& cage) {
   return facets;
 }
 
-float rounded_down(double radius) {
-  return static_cast<float>(radius * (1 - 1e-7));
-}
-
 // Float radius that covers a double one: Embree works in floats, and its query point is rounded.
 float covering_radius(double radius, double reach) {
   return static_cast<float>(radius * (1 + 1e-5) + 1e-6 * (1 + reach));
@@ -103,10 +99,7 @@ class EmbreeDistance final : public DistanceIndex<D> {
 
   void free_radii(const WalkPositions& at, uint32_t* hints, float* radii) const override {
     for (size_t i = 0; i < at.count; ++i) {
-      Vec<D> x;
-      x[0] = at.x[i];
-      x[1] = at.y[i];
-      if constexpr (D == 3) x[2] = at.z[i];
+      const Vec<D> x = position_of<D>(at, i);
       RadiusSearch search{this, x, x.norm(), std::numeric_limits<double>::infinity(), hints[i]};
       float radius = std::numeric_limits<float>::infinity();
       if (hints[i] != kNoHint) {

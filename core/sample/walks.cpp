@@ -31,10 +31,6 @@ double unit(uint32_t bits) {
   return bits * 0x1p-32;
 }
 
-float rounded_down(double radius) {
-  return static_cast<float>(radius * (1 - 1e-7));
-}
-
 }  // namespace
 
 // The walks under way: those of a query in a row, in the order of walks.
@@ -77,13 +73,8 @@ struct HarmonicWalks<D>::Pool {
     out[query].samples.resize(walks);  // of weight 0: none yet
   }
 
-  Vec<D> position(size_t i) const {
-    Vec<D> p;
-    p[0] = x[i];
-    p[1] = y[i];
-    if constexpr (D == 3) p[2] = z[i];
-    return p;
-  }
+  WalkPositions positions() const { return {x.data(), y.data(), z.data(), count}; }
+  Vec<D> position(size_t i) const { return position_of<D>(positions(), i); }
   void set_position(size_t i, const Vec<D>& p) {
     x[i] = static_cast<float>(p[0]);
     y[i] = static_cast<float>(p[1]);
