@@ -66,7 +66,7 @@ def test_metrics_add_up(real_daemon, tmp_path):
         assert before["barycastd_serving"] == 1
         assert before["barycastd_arena_threads"] == 2
         exercise(daemon)
-        page = daemon.metrics()
+        page = daemon.settled_metrics()
 
     def total(method, code):
         return page[f'barycastd_requests_total{{method="{method}",code="{code}"}}']
