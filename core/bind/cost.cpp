@@ -159,7 +159,7 @@ class Model {
   // depends on the cage and the points: they may be, and are expected in one request of three.
   double solving() const { return boundary_bytes(BoundarySolver::bytes); }
   double solved() const {
-    const double kernels = 48.0 * options_.panels, rows = 16.0 * (D + 1) * vertices();
+    const double kernels = 60.0 * options_.panels, rows = 16.0 * (D + 1) * vertices();
     return boundary_bytes(BoundarySolver::solved_bytes) +
            static_cast<double>(size_.threads) * sizeof(double) * (kernels + rows);
   }

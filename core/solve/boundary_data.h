@@ -20,6 +20,7 @@ class BoundaryData {
   Eigen::Index basis_count() const { return static_cast<Eigen::Index>(cage_.used_vertices().size()); }
   Eigen::Index count() const { return moments_ ? 4 * basis_count() + 6 : basis_count(); }
   bool has_moments() const { return moments_; }
+  Eigen::Index column(uint32_t used_vertex) const { return column_of_vertex_[used_vertex]; }
 
   using Row = Eigen::Matrix<double, 1, Eigen::Dynamic, Eigen::RowMajor>;
   struct Entry {

@@ -1,9 +1,11 @@
 #include "solve/boundary_elements.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 
 #include "base/parallel.h"
+#include "solve/closed.h"
 #include "solve/panel_potential.h"
 
 namespace barycast {
@@ -17,6 +19,12 @@ constexpr size_t kTilesAtOnce = 4;
 
 // Products of a tile with a group, that a thread does at a time: 0.3 million operations each.
 constexpr size_t kRowProducts = 700;
+
+// Pairs of panels whose dipoles are evaluated by a thread at a time.
+constexpr size_t kDipolePairs = 200'000;
+// A point of the cage that has a solid angle other than half of space has another part of the cage about it. Panels
+// that stand for three points are off by thousandths.
+constexpr double kHalfSpace = 0.05;
 
 // On the diagonal of the scaled matrix, whose entries are about one: elements on top of each other get the mean of
 // their boundary values instead of no solution; the others change by less than the discretization a million times.
@@ -37,18 +45,73 @@ Result<std::unique_ptr<BoundarySolver>> BoundarySolver::create(const Cage<3>& ca
 
 BoundarySolver::BoundarySolver(const Cage<3>& cage, Panels panels, bool moments)
     : cage_(cage),
-      panels_(std::move(panels)),
+      kernels_(std::move(panels)),
       data_(cage, moments),
-      matrix_(3 * panels_.panels.size()),
-      densities_(DensityColumn::groups(data_)) {}
+      dipoles_(cage, kernels_.panels(), data_),
+      matrix_(3 * kernels_.panels().panels.size()) {
+  const bool closed = is_closed(cage);
+  if (closed) densities_.inside.resize(DensityColumn::groups(data_.basis_count()));
+  if (moments || !closed) densities_.indirect.resize(DensityColumn::groups(data_));
+  dipoles_done_ = closed ? 0 : BoundarySolver::panels().size();
+}
+
+size_t BoundarySolver::total() const {
+  return panels().size() + tiles() + rows() + 2 * rows() * groups();
+}
 
 size_t BoundarySolver::solved_bytes(const BoundarySettings& settings, size_t control_vertices) {
-  const size_t columns = settings.moments ? 4 * control_vertices + 6 : control_vertices;
-  return settings.panels * (sizeof(Panel) + 3 * (columns + 16) * sizeof(double));
+  const size_t columns = settings.moments ? 5 * control_vertices + 6 : control_vertices;
+  return settings.panels * (sizeof(Panel) + 3 * (columns + 16 + 11) * sizeof(double));
 }
 
 size_t BoundarySolver::bytes(const BoundarySettings& settings, size_t control_vertices) {
   return TiledCholesky::bytes(3 * static_cast<size_t>(settings.panels)) + solved_bytes(settings, control_vertices);
+}
+
+TiledCholesky::Columns& BoundarySolver::group(size_t g) {
+  return g < densities_.inside.size() ? densities_.inside[g] : densities_.indirect[g - densities_.inside.size()];
+}
+
+// Boundary values that the dipoles leave to the single layer: what they are on the cage as seen from inside, taken
+// off at the points of the panels, whose rule integrates them. False: there is more of the cage about a point.
+bool BoundarySolver::subtract_dipoles(size_t p, PanelKernels::Tables& kernels) {
+  const Panel& panel = panels()[p];
+  for (size_t k = 0; k < 3; ++k) kernels_.fill(panel.point[k], static_cast<Eigen::Index>(k), false, kernels);
+  // A flat panel's own are the same but for their sign on both sides: none in between.
+  kernels.dipoles.middleCols<3>(static_cast<Eigen::Index>(3 * p)).setZero();
+  DoubleLayer::Rows values = DoubleLayer::Rows::Zero(4, data_.basis_count());
+  Eigen::Array4d enclosed = Eigen::Array4d::Zero();
+  dipoles_.add(kernels.dipoles, values, enclosed);
+  const double weight = panel.area / 3 * unknown_scale(panel);
+  for (size_t k = 0; k < 3; ++k) {
+    const auto at = static_cast<Eigen::Index>(k);
+    if (!(std::abs(enclosed[at] - 0.5) < kHalfSpace)) return false;
+    // Half of the own values, and so that constants come out exactly whatever the quadrature: as much as is missing.
+    const BoundaryData::Row inside = values.row(at) + (1 - enclosed[at]) * dipoles_.at(3 * p + k);
+    for (Eigen::Index v = 0; v < inside.size(); ++v) {
+      const DensityColumn column(v, data_);
+      densities_.inside[column.group](static_cast<Eigen::Index>(3 * p + k), column.lane) = -weight * inside[v];
+    }
+  }
+  return true;
+}
+
+void BoundarySolver::subtract_dipoles() {
+  if (dipoles_done_ == 0)
+    for (auto& columns : densities_.inside) columns.setZero(static_cast<Eigen::Index>(rows() * kTile), kDensityGroup);
+  const size_t first = dipoles_done_, at_once = 1 + kDipolePairs / (3 * panels().size());
+  const size_t count = std::min(panels().size() - first, at_once * parallel_width());
+  std::atomic<bool> embedded = true;
+  parallel_for(count, at_once, [&](size_t begin, size_t end) {
+    PanelKernels::Tables kernels(kernels_.point_count());
+    for (size_t p = first + begin; p < first + end && embedded; ++p)
+      if (!subtract_dipoles(p, kernels)) embedded = false;
+  });
+  dipoles_done_ += count;
+  if (embedded) return;
+  dipoles_done_ = panels().size();
+  densities_.inside.clear();
+  if (densities_.indirect.empty()) densities_.indirect.resize(DensityColumn::groups(data_));
 }
 
 void BoundarySolver::assemble() {
@@ -65,7 +128,7 @@ void BoundarySolver::assemble() {
 }
 
 void BoundarySolver::assemble_tile(size_t row, size_t column) {
-  const auto& panels = panels_.panels;
+  const auto& panels = BoundarySolver::panels();
   TiledCholesky::Tile tile = matrix_.tile(row, column);
   tile.setZero();
   for (size_t i = 0; i < kPanelsPerTile; ++i) {
@@ -87,11 +150,13 @@ void BoundarySolver::assemble_tile(size_t row, size_t column) {
   }
 }
 
-void BoundarySolver::set_boundary_values() {
-  for (auto& group : densities_) group.setZero(static_cast<Eigen::Index>(rows() * kTile), kDensityGroup);
+// To every column of the groups, what is known on the cage, integrated with the panels' functions.
+void BoundarySolver::add_boundary_values(DensityGroups& groups) {
+  for (auto& columns : groups)
+    if (columns.size() == 0) columns.setZero(static_cast<Eigen::Index>(rows() * kTile), kDensityGroup);
   std::vector<BoundaryData::Entry> entries;
-  for (size_t p = 0; p < panels_.panels.size(); ++p) {
-    const Panel& panel = panels_.panels[p];
+  for (size_t p = 0; p < panels().size(); ++p) {
+    const Panel& panel = panels()[p];
     const Element& element = cage_.elements()[panel.element];
     for (const TrianglePoint& rule : kTriangleRule) {
       const auto shares = element_shares(element.kind, panel, rule.barycentric);
@@ -103,7 +168,8 @@ void BoundarySolver::set_boundary_values() {
         const double weight = rule.weight * panel.area * (2 * rule.barycentric[k] - 1 / 3.0) * unknown_scale(panel);
         for (const BoundaryData::Entry& entry : entries) {
           const DensityColumn at(entry.column, data_);
-          densities_[at.group](static_cast<Eigen::Index>(3 * p + k), at.lane) += weight * entry.value;
+          if (at.group < groups.size())
+            groups[at.group](static_cast<Eigen::Index>(3 * p + k), at.lane) += weight * entry.value;
         }
       }
     }
@@ -112,25 +178,30 @@ void BoundarySolver::set_boundary_values() {
 
 // As many groups as there are threads, some rows of tiles at a time.
 void BoundarySolver::solve_groups() {
-  if (densities_.front().size() == 0) set_boundary_values();
-  const size_t count = std::min(densities_.size() - solved_, parallel_width());
+  if (solved_ == 0 && rows_solved_ == 0) {
+    add_boundary_values(densities_.inside);
+    add_boundary_values(densities_.indirect);
+  }
+  const size_t first_group = solved_ / (2 * rows()), count = std::min(groups() - first_group, parallel_width());
   const size_t first = rows_solved_, end_row = std::min(2 * rows(), first + 1 + kRowProducts / rows());
   parallel_for(count, 1, [&](size_t begin, size_t end) {
-    for (size_t g = solved_ + begin; g < solved_ + end; ++g)
+    for (size_t g = first_group + begin; g < first_group + end; ++g)
       for (size_t row = first; row < end_row; ++row)
-        row < rows() ? matrix_.forward(row, densities_[g]) : matrix_.backward(2 * rows() - 1 - row, densities_[g]);
+        row < rows() ? matrix_.forward(row, group(g)) : matrix_.backward(2 * rows() - 1 - row, group(g));
   });
   rows_solved_ = end_row;
   if (end_row < 2 * rows()) return;
-  for (size_t g = solved_; g < solved_ + count; ++g)
-    for (size_t p = 0; p < panels_.panels.size(); ++p)
-      densities_[g].middleRows<3>(static_cast<Eigen::Index>(3 * p)) *= unknown_scale(panels_.panels[p]);
-  solved_ += count;
+  for (size_t g = first_group; g < first_group + count; ++g)
+    for (size_t p = 0; p < panels().size(); ++p)
+      group(g).middleRows<3>(static_cast<Eigen::Index>(3 * p)) *= unknown_scale(panels()[p]);
+  solved_ += 2 * rows() * count;
   rows_solved_ = 0;
 }
 
 void BoundarySolver::advance() {
-  if (assembled_ < tiles()) {
+  if (dipoles_done_ < panels().size()) {
+    subtract_dipoles();
+  } else if (assembled_ < tiles()) {
     assemble();
   } else if (!matrix_.is_factored()) {
     matrix_.factor();
@@ -149,7 +220,8 @@ std::vector<Warning> BoundarySolver::warnings() const {
 std::unique_ptr<const Solution<3>> BoundarySolver::take(const DistanceIndex<3>& distance,
                                                         const WindingNumber<3>& winding) {
   BARYCAST_CHECK_OP(done(), ==, total());
-  return std::make_unique<BoundaryField>(cage_, distance, winding, std::move(panels_), data_, std::move(densities_));
+  return std::make_unique<BoundaryField>(cage_, distance, winding, std::move(kernels_), std::move(dipoles_), data_,
+                                         std::move(densities_));
 }
 
 }  // namespace barycast

@@ -1,16 +1,22 @@
 #pragma once
 
-// Harmonic coordinates by boundary elements: an indirect single layer [Sauter and Schwab 2011, ch. 3]. The harmonic
-// function with values f on the cage is the potential of a density on it; the density is piecewise linear on graded
-// panels and fulfils the boundary values in the mean over every panel's functions (Galerkin), so that the system is
-// symmetric and positive definite for every cage, closed or open. The same density serves inside and outside,
-// where the potential vanishes far away: the hitting measure of a walk that may escape.
+// Harmonic coordinates by boundary elements [Sauter and Schwab 2011, ch. 3].
 //
-// Inside closed cages the coordinates are the potentials of the phi_v; elsewhere, projected moments. Near the cage
+// Outside and for open cages, an indirect single layer: the harmonic function with values f on the cage is the
+// potential of a density on it, the same on both sides, which vanishes far away: the hitting measure of a walk that may
+// escape. Projected moments then make the coordinates.
+//
+// Inside closed cages the coordinates are the functions with values phi_v themselves, by Green's representation
+// u = S[t] - D[phi_v]: the single layer has to add only what the dipoles of phi_v lack. Its density is that of the
+// inside alone, smooth at edges that bulge outwards, where the indirect one is infinite. Cages that cut themselves,
+// or hold parts of themselves, have no such inside: there the indirect layer serves too.
+//
+// Densities are piecewise linear on graded panels and fulfil the boundary values in the mean over every panel's
+// functions (Galerkin); the matrix is the same for all, symmetric and positive definite for every cage. Near the cage
 // the potential's own error on it, which is known, is taken off, fading over a part of a panel: values approach the
-// basis. The correction follows the one closest point: values have steps of some thousandths across the bisector of two
-// faces next to their edge, and gradients leave out how its reach varies. In-plane gradients are infinite at edges,
-// where densities jump: within a tenth of a panel of one they are off by their own size and more.
+// basis. The correction follows the one closest point: where that changes values have steps, of some ten-thousandths
+// inside and thousandths outside next to edges, and gradients leave out how its reach varies. In-plane gradients are
+// infinite at edges where densities jump: within a tenth of a panel of one they are off by their own size and more.
 //
 // Deterministic. Cost: 3 unknowns a panel; n^3 / 3 once (0.5 s for 1,000 panels on two cores), then 0.1 to 0.3 ms a
 // point.
@@ -23,6 +29,8 @@
 #include "query/winding.h"
 #include "solve/boundary_data.h"
 #include "solve/boundary_field.h"
+#include "solve/double_layer.h"
+#include "solve/panel_kernels.h"
 #include "solve/panels.h"
 #include "solve/solution.h"
 #include "solve/tiled_cholesky.h"
@@ -40,9 +48,9 @@ class BoundarySolver {
   // The cage must outlive what comes of it. Errors: kInvalidArgument ("panels": the cage needs more).
   static Result<std::unique_ptr<BoundarySolver>> create(const Cage<3>& cage, const BoundarySettings& settings);
 
-  // In no unit in particular.
-  size_t done() const { return assembled_ + matrix_.columns_done() + 2 * rows() * solved_ + rows_solved_; }
-  size_t total() const { return tiles() + rows() + 2 * rows() * densities_.size(); }
+  // In no unit in particular. A cage found to have no inside, see above, may add to the total.
+  size_t done() const { return dipoles_done_ + assembled_ + matrix_.columns_done() + solved_ + rows_solved_; }
+  size_t total() const;
 
   // The next piece.
   void advance();
@@ -58,20 +66,28 @@ class BoundarySolver {
 
  private:
   BoundarySolver(const Cage<3>& cage, Panels panels, bool moments);
+  const std::vector<Panel>& panels() const { return kernels_.panels().panels; }
   size_t rows() const { return matrix_.tile_count(); }
   size_t tiles() const { return rows() * (rows() + 1) / 2; }
+  size_t groups() const { return densities_.inside.size() + densities_.indirect.size(); }
+  TiledCholesky::Columns& group(size_t g);
+  void subtract_dipoles();
+  bool subtract_dipoles(size_t panel, PanelKernels::Tables& kernels);
+  void add_boundary_values(DensityGroups& groups);
   void assemble();
   void assemble_tile(size_t row, size_t column);
-  void set_boundary_values();
   void solve_groups();
 
   const Cage<3>& cage_;
-  Panels panels_;
+  PanelKernels kernels_;
   BoundaryData data_;
+  DoubleLayer dipoles_;
   TiledCholesky matrix_;
-  std::vector<TiledCholesky::Columns> densities_;  // a group of columns each
-  size_t assembled_ = 0;                           // rows of tiles
-  size_t solved_ = 0, rows_solved_ = 0;            // groups, and rows of tiles of those under way, there and back
+  BoundaryDensities densities_;
+  size_t dipoles_done_ = 0;  // panels
+  size_t assembled_ = 0;     // tiles
+  size_t solved_ = 0;        // rows of tiles of all groups, there and back
+  size_t rows_solved_ = 0;   // of those of them that are under way
 };
 
 }  // namespace barycast

@@ -7,17 +7,15 @@
 #include "query/element_distance.h"
 #include "solve/closed.h"
 #include "solve/moment_field.h"
-#include "solve/panel_potential.h"
 
 namespace barycast {
 namespace {
 
-// Distances, in radii of a panel, from which seven points and three points stand for it.
-constexpr double kSevenPointRadii = 5.0;
-constexpr double kThreePointRadii = 12.0;
 // The potential's error on the cage alternates from panel to panel and fades off it within a part of their size. A
 // fifth is best: on a box and on FireHydrant less leaves more of it, twice as much brings it to points without.
 constexpr double kBlendPanels = 0.2;
+// What is missing on the cage is taken this close to it, on the query's side: dipoles jump across it.
+constexpr double kBesideCage = 1e-9;
 // 1 on the cage, 0 from `width` on, with the derivative.
 struct Fade {
   double weight = 0.0, rate = 0.0;
@@ -33,85 +31,57 @@ struct Fade {
 
 // A query with what the cage says about it.
 struct BoundaryField::Query {
+  size_t row;          // of the answer
   Vec<3> x;            // where potentials are evaluated
   CagePoint<3> y;      // closest point
+  Vec<3> beside;       // it, as seen from x
   double blend_width;  // 0: too far from the cage
   bool on_cage;
+  bool inside;   // with dipoles
   bool project;  // moments are needed
 };
 
 BoundaryField::BoundaryField(const Cage<3>& cage, const DistanceIndex<3>& distance, const WindingNumber<3>& winding,
-                             Panels panels, const BoundaryData& data, DensityGroups densities)
+                             PanelKernels kernels, DoubleLayer dipoles, const BoundaryData& data,
+                             BoundaryDensities densities)
     : cage_(cage),
       distance_(distance),
       winding_(winding),
-      panels_(std::move(panels)),
+      kernels_(std::move(kernels)),
+      dipoles_(std::move(dipoles)),
       data_(data),
       is_closed_(is_closed(cage)),
-      points_(3 * panels_.panels.size(), 3),
-      charge_(3 * panels_.panels.size()),
-      densities_(std::move(densities)) {
-  for (size_t p = 0; p < panels_.panels.size(); ++p)
-    for (size_t k = 0; k < 3; ++k) {
-      points_.row(static_cast<Eigen::Index>(3 * p + k)) = panels_.panels[p].point[k].transpose().array();
-      charge_[static_cast<Eigen::Index>(3 * p + k)] = panels_.panels[p].area / 3;
-    }
-}
+      densities_(std::move(densities)) {}
 
 size_t BoundaryField::bytes() const {
-  return sizeof(*this) + panels_.panels.size() * sizeof(Panel) +
-         static_cast<size_t>(charge_.size()) * (4 + densities_.size() * kDensityGroup) * sizeof(double);
-}
-
-// Far panels as three point charges, all at once; then what is nearer, panel by panel.
-void BoundaryField::fill_kernels(const Vec<3>& x, Eigen::Index row, bool gradient, Kernels& kernels) const {
-  const Eigen::ArrayXd dx = points_.col(0) - x[0], dy = points_.col(1) - x[1], dz = points_.col(2) - x[2];
-  const Eigen::ArrayXd inverse_squared = (dx.square() + dy.square() + dz.square()).inverse();
-  const Eigen::ArrayXd value = charge_ * inverse_squared.sqrt();
-  kernels.row(row) = value.matrix().transpose();
-  if (gradient) {
-    const Eigen::ArrayXd rate = value * inverse_squared;
-    kernels.row(1) = (rate * dx).matrix().transpose();
-    kernels.row(2) = (rate * dy).matrix().transpose();
-    kernels.row(3) = (rate * dz).matrix().transpose();
-  }
-  PanelPotential potential;
-  for (size_t p = 0; p < panels_.panels.size(); ++p) {
-    const Panel& panel = panels_.panels[p];
-    const double distance_squared = (panel.centre - x).squaredNorm(), radius_squared = panel.radius * panel.radius;
-    if (distance_squared > kThreePointRadii * kThreePointRadii * radius_squared) continue;
-    if (distance_squared > kSevenPointRadii * kSevenPointRadii * radius_squared) {
-      far_potential(panel, x, gradient, potential);
-    } else {
-      exact_potential(panel, x, gradient, potential);
-    }
-    const auto at = static_cast<Eigen::Index>(3 * p);
-    kernels.block<1, 3>(row, at) = potential.value.transpose();
-    if (gradient)
-      for (Eigen::Index k = 0; k < 3; ++k)
-        for (Eigen::Index i = 0; i < 3; ++i) kernels(1 + i, at + k) = potential.gradient[static_cast<size_t>(k)][i];
-  }
+  const size_t groups = densities_.indirect.size() + densities_.inside.size();
+  return sizeof(*this) + kernels_.bytes() + dipoles_.bytes() +
+         static_cast<size_t>(kernels_.point_count()) * groups * kDensityGroup * sizeof(double);
 }
 
 // Every sum runs over the panels in their order, whatever the other rows and columns are.
-void BoundaryField::multiply(const Kernels& kernels, Eigen::Index columns, Potentials& out) const {
-  out.resize(4, columns);
-  const Eigen::Index panel_points = charge_.size();
+void BoundaryField::multiply(const PanelKernels::Tables& kernels, bool inside, Eigen::Index columns,
+                             Potentials& out) const {
+  const DensityGroups& densities = inside ? densities_.inside : densities_.indirect;
+  out.columns.resize(4, columns);
+  out.enclosed.setZero();
   for (Eigen::Index first = 0; first < columns;) {
     const DensityColumn at(first, data_);
     using Lanes = Eigen::Array<double, kLanes, 1>;
     Lanes sums[4] = {Lanes::Zero(), Lanes::Zero(), Lanes::Zero(), Lanes::Zero()};
-    const double* density = densities_[at.group].data() + at.lane;
-    for (Eigen::Index i = 0; i < panel_points; ++i, density += kDensityGroup) {
+    const double* density = densities[at.group].data() + at.lane;
+    for (Eigen::Index i = 0; i < kernels_.point_count(); ++i, density += kDensityGroup) {
       const Eigen::Map<const Lanes> lanes(density);
-      for (Eigen::Index r = 0; r < 4; ++r) sums[r] += kernels(r, i) * lanes;
+      for (Eigen::Index r = 0; r < 4; ++r) sums[r] += kernels.charges(r, i) * lanes;
     }
     // The basis' last lanes may be empty.
     const Eigen::Index end = first < data_.basis_count() ? data_.basis_count() : data_.count();
     const Eigen::Index used = std::min(kLanes, end - first);
-    for (Eigen::Index r = 0; r < 4; ++r) out.row(r).segment(first, used) = sums[r].head(used).matrix().transpose();
+    for (Eigen::Index r = 0; r < 4; ++r)
+      out.columns.row(r).segment(first, used) = sums[r].head(used).matrix().transpose();
     first += used;
   }
+  if (inside) dipoles_.add(kernels.dipoles, out.columns, out.enclosed);
 }
 
 void BoundaryField::set_row(const BoundaryData::Row& values, SolvedRows<3>::Table& table, Eigen::Index row) const {
@@ -141,114 +111,128 @@ Vec<3> BoundaryField::just_inside(const CagePoint<3>& y, double blend_width) con
   return y.point + shift * inward;
 }
 
-BoundaryField::Query BoundaryField::prepare(const Vec<3>& x) const {
+BoundaryField::Query BoundaryField::prepare(const Vec<3>& x, size_t row) const {
   Query query;
+  query.row = row;
   query.x = x;
   query.y = distance_.closest(x);
   const Element& element = cage_.elements()[query.y.element];
   double width = 0.0;
   for (size_t i = 0; i < static_cast<size_t>(element.corner_count()); ++i)
-    width += kBlendPanels * query.y.shares[i] * panels_.node_size[element.node[i]];
+    width += kBlendPanels * query.y.shares[i] * kernels_.panels().node_size[element.node[i]];
   query.blend_width = query.y.distance < width ? width : 0.0;
   query.on_cage = query.y.distance < kExactOnCage;
   if (query.on_cage) query.x = just_inside(query.y, width);
-  query.project = data_.has_moments() && (!is_closed_ || !winding_.inside(query.x));
+  const Vec<3> away = query.x - query.y.point;
+  query.beside = query.y.point + std::min(1.0, kBesideCage / away.norm()) * away;
+  const bool enclosed = is_closed_ && winding_.inside(query.x);
+  query.inside = enclosed && !densities_.inside.empty();
+  query.project = data_.has_moments() && !enclosed;
   return query;
 }
 
-void BoundaryField::evaluate_with_gradient(const Query& query, Eigen::Index row, SolvedRows<3>& out) const {
-  const Eigen::Index n = data_.basis_count(), columns = query.project ? data_.count() : n;
-  Kernels kernels(4, charge_.size());
+Eigen::Index BoundaryField::columns_of(const Query& query) const {
+  return query.project ? data_.count() : data_.basis_count();
+}
+
+// What the potentials lack at the closest point. Between the panels and a patch that they were cut from, x and its
+// closest point may lie on different sides of a panel, where dipoles differ by what they are there.
+BoundaryData::Row BoundaryField::missing(const Query& query, const Potentials& at_x, const Potentials& at_y,
+                                         Eigen::Index row) const {
+  BoundaryData::Row result(columns_of(query));
+  data_.values(query.y.element, query.y.shares, query.y.point, result);
+  result *= 1 + at_y.enclosed[row] - at_x.enclosed[row];
+  return result - at_y.columns.row(row).head(result.size());
+}
+
+void BoundaryField::evaluate_with_gradient(const Query& query, SolvedRows<3>& out) const {
+  const Eigen::Index n = data_.basis_count(), columns = columns_of(query);
+  PanelKernels::Tables kernels(kernels_.point_count());
   Potentials at_x, at_y;
-  fill_kernels(query.x, 0, true, kernels);
-  multiply(kernels, columns, at_x);
-  BoundaryData::Row values = at_x.row(0);
-  std::array<BoundaryData::Row, 3> slopes = {at_x.row(1), at_x.row(2), at_x.row(3)};
-  if (query.blend_width > (query.x - query.y.point).norm()) {
-    fill_kernels(query.y.point, 0, true, kernels);
-    multiply(kernels, columns, at_y);
-    BoundaryData::Row wanted(columns);
-    data_.values(query.y.element, query.y.shares, query.y.point, wanted);
+  kernels_.fill(query.x, 0, true, kernels);
+  multiply(kernels, query.inside, columns, at_x);
+  BoundaryData::Row values = at_x.columns.row(0);
+  std::array<BoundaryData::Row, 3> slopes = {at_x.columns.row(1), at_x.columns.row(2), at_x.columns.row(3)};
+  const Vec<3> away = query.x - query.y.point;
+  const double distance = away.norm();
+  if (query.blend_width > distance) {
+    kernels_.fill(query.beside, 0, true, kernels);
+    multiply(kernels, query.inside, columns, at_y);
     std::array<BoundaryData::Row, 3> wanted_slopes;
     Mat<3> tangent;
     data_.gradients(query.y, wanted_slopes, tangent);
-    const Vec<3> away = query.x - query.y.point;
-    const double distance = away.norm();
     const Fade fade(distance, query.blend_width);
-    const BoundaryData::Row missing = wanted - at_y.row(0);
-    values += fade.weight * missing;
+    const BoundaryData::Row missing_there = missing(query, at_x, at_y, 0);
+    const double same_side = 1 + at_y.enclosed[0] - at_x.enclosed[0];
+    values += fade.weight * missing_there;
     for (Eigen::Index k = 0; k < 3; ++k) {
-      BoundaryData::Row along = wanted_slopes[static_cast<size_t>(k)].head(columns);
-      for (Eigen::Index a = 0; a < 3; ++a) along -= tangent(k, a) * at_y.row(1 + a);
-      slopes[static_cast<size_t>(k)] += fade.weight * along + (fade.rate * away[k] / distance) * missing;
+      BoundaryData::Row along = same_side * wanted_slopes[static_cast<size_t>(k)].head(columns);
+      for (Eigen::Index a = 0; a < 3; ++a) along -= tangent(k, a) * at_y.columns.row(1 + a);
+      slopes[static_cast<size_t>(k)] += fade.weight * along + (fade.rate * away[k] / distance) * missing_there;
     }
   }
   if (query.project) {
     BoundaryData::Row projected(n);
     std::array<BoundaryData::Row, 3> gradients;
-    if (!project_moments(query.x, values, slopes, n, projected, gradients))
-      out.rank_deficient[static_cast<size_t>(row)] = 1;
+    if (!project_moments(query.x, values, slopes, n, projected, gradients)) out.rank_deficient[query.row] = 1;
     values = projected;
     slopes = gradients;
   }
+  const auto row = static_cast<Eigen::Index>(query.row);
   set_row(values, out.values, row);
   for (size_t k = 0; k < 3; ++k) set_row(slopes[k], out.gradients[k], row);
 }
 
-void BoundaryField::evaluate_values(std::span<const Query> queries, Eigen::Index first_row, SolvedRows<3>& out) const {
-  const Eigen::Index n = data_.basis_count();
-  Eigen::Index columns = n;
-  Kernels kernels = Kernels::Zero(4, charge_.size());
+// Up to four queries of a kind: all with dipoles, all projected, or neither.
+void BoundaryField::evaluate_values(std::span<const Query> queries, SolvedRows<3>& out) const {
+  const Eigen::Index n = data_.basis_count(), columns = columns_of(queries[0]);
+  PanelKernels::Tables kernels(kernels_.point_count());
   Potentials at_x, at_y;
-  for (size_t i = 0; i < queries.size(); ++i) {
-    fill_kernels(queries[i].x, static_cast<Eigen::Index>(i), false, kernels);
-    if (queries[i].project) columns = data_.count();
-  }
-  multiply(kernels, columns, at_x);
+  const auto at = [](size_t i) { return static_cast<Eigen::Index>(i); };
+  for (size_t i = 0; i < queries.size(); ++i) kernels_.fill(queries[i].x, at(i), false, kernels);
+  multiply(kernels, queries[0].inside, columns, at_x);
   if (std::any_of(queries.begin(), queries.end(), [](const Query& query) { return query.blend_width > 0.0; })) {
     for (size_t i = 0; i < queries.size(); ++i)
-      if (queries[i].blend_width > 0.0) fill_kernels(queries[i].y.point, static_cast<Eigen::Index>(i), false, kernels);
-    multiply(kernels, columns, at_y);
+      if (queries[i].blend_width > 0.0) kernels_.fill(queries[i].beside, at(i), false, kernels);
+    multiply(kernels, queries[0].inside, columns, at_y);
   }
   for (size_t i = 0; i < queries.size(); ++i) {
     const Query& query = queries[i];
-    BoundaryData::Row values = at_x.row(static_cast<Eigen::Index>(i));
+    BoundaryData::Row values = at_x.columns.row(at(i));
     if (query.blend_width > 0.0) {
-      BoundaryData::Row wanted(columns);
-      data_.values(query.y.element, query.y.shares, query.y.point, wanted);
       const Fade fade(query.y.distance, query.blend_width);
-      values += fade.weight * (wanted - at_y.row(static_cast<Eigen::Index>(i)));
+      values += fade.weight * missing(query, at_x, at_y, at(i));
     }
-    const Eigen::Index row = first_row + static_cast<Eigen::Index>(i);
     if (query.project) {
       BoundaryData::Row projected(n);
       std::array<BoundaryData::Row, 3> no_gradients;
-      if (!project_moments(query.x, values, {}, n, projected, no_gradients))
-        out.rank_deficient[static_cast<size_t>(row)] = 1;
-      set_row(projected, out.values, row);
-    } else {
-      set_row(values, out.values, row);
+      if (!project_moments(query.x, values, {}, n, projected, no_gradients)) out.rank_deficient[query.row] = 1;
+      values = projected;
     }
+    set_row(values, out.values, at(query.row));
   }
 }
 
 void BoundaryField::evaluate(std::span<const Vec<3>> points, bool gradients, SolvedRows<3>& out) const {
   out.resize(points.size(), cage_.control_vertex_count(), gradients);
   std::vector<Query> queries;
-  for (const Vec<3>& x : points) queries.push_back(prepare(x));
+  for (size_t i = 0; i < points.size(); ++i) queries.push_back(prepare(points[i], i));
   if (gradients) {
-    for (size_t i = 0; i < queries.size(); ++i) evaluate_with_gradient(queries[i], static_cast<Eigen::Index>(i), out);
+    for (const Query& query : queries) evaluate_with_gradient(query, out);
   } else {
-    for (size_t i = 0; i < queries.size(); i += 4)
-      evaluate_values(std::span(queries).subspan(i, std::min<size_t>(4, queries.size() - i)),
-                      static_cast<Eigen::Index>(i), out);
+    const auto kind = [](const Query& query) { return 2 * query.inside + query.project; };
+    std::stable_sort(queries.begin(), queries.end(), [&](const Query& a, const Query& b) { return kind(a) < kind(b); });
+    for (size_t first = 0, end; first < queries.size(); first = end) {
+      for (end = first; end < std::min(first + 4, queries.size()) && kind(queries[end]) == kind(queries[first]);) ++end;
+      evaluate_values(std::span(queries).subspan(first, end - first), out);
+    }
   }
-  for (size_t i = 0; i < queries.size(); ++i) {
-    if (!queries[i].on_cage) continue;
-    out.on_cage[i] = 1;
+  for (const Query& query : queries) {
+    if (!query.on_cage) continue;
+    out.on_cage[query.row] = 1;
     BoundaryData::Row basis(data_.basis_count());
-    data_.values(queries[i].y.element, queries[i].y.shares, queries[i].y.point, basis);
-    set_row(basis, out.values, static_cast<Eigen::Index>(i));
+    data_.values(query.y.element, query.y.shares, query.y.point, basis);
+    set_row(basis, out.values, static_cast<Eigen::Index>(query.row));
   }
 }
 

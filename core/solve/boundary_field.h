@@ -1,7 +1,8 @@
 #pragma once
 
-// The solved boundary elements as a function of the query: potentials of the densities, corrected near the cage by
-// what they miss on it, and projected where the cage does not enclose the query. See boundary_elements.h.
+// The solved boundary elements as a function of the query: potentials of the densities, inside with those of the
+// values on the cage, corrected near the cage by what they miss on it, and projected where the cage does not enclose
+// the query. See boundary_elements.h.
 
 #include <memory>
 #include <vector>
@@ -9,7 +10,8 @@
 #include "query/distance_index.h"
 #include "query/winding.h"
 #include "solve/boundary_data.h"
-#include "solve/panels.h"
+#include "solve/double_layer.h"
+#include "solve/panel_kernels.h"
 #include "solve/solution.h"
 #include "solve/tiled_cholesky.h"
 
@@ -36,38 +38,46 @@ struct DensityColumn {
   }
 };
 
+// What was solved for.
+struct BoundaryDensities {
+  DensityGroups indirect;  // of all columns, for a single layer alone, on both sides; empty where nothing needs them
+  DensityGroups inside;    // of the basis, beside the dipoles; empty where those would not do
+};
+
 class BoundaryField final : public Solution<3> {
  public:
-  BoundaryField(const Cage<3>& cage, const DistanceIndex<3>& distance, const WindingNumber<3>& winding, Panels panels,
-                const BoundaryData& data, DensityGroups densities);
+  BoundaryField(const Cage<3>& cage, const DistanceIndex<3>& distance, const WindingNumber<3>& winding,
+                PanelKernels kernels, DoubleLayer dipoles, const BoundaryData& data, BoundaryDensities densities);
 
   void evaluate(std::span<const Vec<3>> points, bool gradients, SolvedRows<3>& out) const override;
   size_t bytes() const override;
 
  private:
   static constexpr Eigen::Index kLanes = 8;  // columns summed together, half a group
-  // Kernels of four potentials, or of one and its gradient: a row each, an entry per point of the panels.
-  using Kernels = Eigen::Matrix<double, 4, Eigen::Dynamic, Eigen::RowMajor>;
-  using Potentials = Eigen::Matrix<double, 4, Eigen::Dynamic, Eigen::RowMajor>;
+  // A row per row of the kernels; `enclosed`: the same of 1 as dipoles, where there are dipoles.
+  struct Potentials {
+    DoubleLayer::Rows columns;
+    Eigen::Array4d enclosed;
+  };
 
   struct Query;
-  void fill_kernels(const Vec<3>& x, Eigen::Index row, bool gradient, Kernels& kernels) const;
-  void multiply(const Kernels& kernels, Eigen::Index columns, Potentials& out) const;
-  Query prepare(const Vec<3>& x) const;
+  void multiply(const PanelKernels::Tables& kernels, bool inside, Eigen::Index columns, Potentials& out) const;
+  Query prepare(const Vec<3>& x, size_t row) const;
+  Eigen::Index columns_of(const Query& query) const;
+  BoundaryData::Row missing(const Query& query, const Potentials& at_x, const Potentials& at_y, Eigen::Index row) const;
   Vec<3> just_inside(const CagePoint<3>& y, double blend_width) const;
   void set_row(const BoundaryData::Row& values, SolvedRows<3>::Table& table, Eigen::Index row) const;
-  void evaluate_with_gradient(const Query& query, Eigen::Index row, SolvedRows<3>& out) const;
-  void evaluate_values(std::span<const Query> queries, Eigen::Index first_row, SolvedRows<3>& out) const;
+  void evaluate_with_gradient(const Query& query, SolvedRows<3>& out) const;
+  void evaluate_values(std::span<const Query> queries, SolvedRows<3>& out) const;
 
   const Cage<3>& cage_;
   const DistanceIndex<3>& distance_;
   const WindingNumber<3>& winding_;
-  Panels panels_;
+  PanelKernels kernels_;
+  DoubleLayer dipoles_;
   BoundaryData data_;
   bool is_closed_;
-  Eigen::Array<double, Eigen::Dynamic, 3> points_;  // of the panels
-  Eigen::ArrayXd charge_;                           // a third of the panel's area
-  DensityGroups densities_;
+  BoundaryDensities densities_;
 };
 
 }  // namespace barycast

@@ -30,9 +30,18 @@ struct EdgeIntegrals {
   double first;           // int l dl / R
   double radial;          // int R^2-weighted part of int (rho - rho_0) / R dA, see exact_potential
   double angle;           // the edge's part of the solid angle
+  Vec<3> inverse_slope;   // gradient of `inverse` in x
+  double cube;            // int dl / R^3
 };
 
-EdgeIntegrals edge_integrals(const Panel& panel, size_t edge, const Vec<3>& x, double height) {
+// int dl / R^3 from `start` to `end` on a line at a distance, whose square is given; near and far are R there.
+double inverse_cube(double start, double end, double near, double far, double line_squared) {
+  // Along the line beside the edge the difference of both ends would cancel.
+  if (start * end > 0) return (end - start) * (end + start) / ((end * near + start * far) * near * far);
+  return (end / far - start / near) / std::max(line_squared, kTiny);
+}
+
+EdgeIntegrals edge_integrals(const Panel& panel, size_t edge, const Vec<3>& x, double height, bool with_gradient) {
   const Vec<3> from = panel.corner[edge] - x, to = panel.corner[(edge + 1) % 3] - x;
   EdgeIntegrals result;
   result.along = (to - from).normalized();
@@ -54,6 +63,11 @@ EdgeIntegrals edge_integrals(const Panel& panel, size_t edge, const Vec<3>& x, d
   const double h = std::abs(height);
   result.angle = std::atan2(result.distance * end, line_squared + h * far) -
                  std::atan2(result.distance * start, line_squared + h * near);
+  if (with_gradient) {
+    result.cube = inverse_cube(start, end, near, far, line_squared);
+    const Vec<3> to_line = result.distance * result.outward - height * panel.normal;
+    result.inverse_slope = result.cube * to_line + (1 / near - 1 / far) * result.along;
+  }
   return result;
 }
 
@@ -66,41 +80,54 @@ void exact_potential(const Panel& panel, const Vec<3>& x, bool with_gradient, Pa
   Vec<3> radial = Vec<3>::Zero();           // int (rho - rho_0) / R
   std::array<EdgeIntegrals, 3> edges;
   for (size_t i = 0; i < 3; ++i) {
-    const EdgeIntegrals& e = edges[i] = edge_integrals(panel, i, x, height);
+    const EdgeIntegrals& e = edges[i] = edge_integrals(panel, i, x, height, with_gradient);
     inverse += e.distance * e.inverse - std::abs(height) * e.angle;
     solid_angle += e.angle;
     radial += e.radial * e.outward;
   }
-  Vec<3> at_projection;  // the density functions there, continued beyond the panel
-  for (size_t k = 0; k < 3; ++k) {
-    at_projection[Eigen::Index(k)] = 1 / 3.0 + panel.gradient[k].dot(projection - panel.centre);
-    out.value[Eigen::Index(k)] = at_projection[Eigen::Index(k)] * inverse + panel.gradient[k].dot(radial);
-  }
-  if (!with_gradient) return;
   const double signed_angle = height > 0 ? solid_angle : height < 0 ? -solid_angle : 0.0;
+  Vec<3> angle_slope = Vec<3>::Zero();
+  if (with_gradient)
+    for (const EdgeIntegrals& e : edges) angle_slope -= e.cube * (height * e.outward + e.distance * panel.normal);
   for (size_t k = 0; k < 3; ++k) {
     const Vec<3>& slope = panel.gradient[k];
-    const double value = at_projection[Eigen::Index(k)];
-    Vec<3> gradient = slope * inverse - (value * signed_angle) * panel.normal;
+    const auto at = static_cast<Eigen::Index>(k);
+    const double value = 1 / 3.0 + slope.dot(projection - panel.centre);  // of the function, beyond the panel too
+    out.value[at] = value * inverse + slope.dot(radial);
+    out.dipole[at] = value * signed_angle;
+    for (const EdgeIntegrals& e : edges) out.dipole[at] -= height * slope.dot(e.outward) * e.inverse;
+    if (!with_gradient) continue;
+    Vec<3> gradient = slope * inverse - out.dipole[at] * panel.normal;
+    Vec<3> dipole_gradient = slope * signed_angle + value * angle_slope;
     for (const EdgeIntegrals& e : edges) {
       const double across = slope.dot(e.outward);
       gradient -= ((value + e.distance * across) * e.inverse + slope.dot(e.along) * e.first) * e.outward;
-      gradient += (height * across * e.inverse) * panel.normal;
+      dipole_gradient -= across * (e.inverse * panel.normal + height * e.inverse_slope);
     }
     out.gradient[k] = gradient;
+    out.dipole_gradient[k] = dipole_gradient;
   }
 }
 
 void far_potential(const Panel& panel, const Vec<3>& x, bool with_gradient, PanelPotential& out) {
   out.value.setZero();
+  out.dipole.setZero();
   if (with_gradient) out.gradient.fill(Vec<3>::Zero());
+  if (with_gradient) out.dipole_gradient.fill(Vec<3>::Zero());
+  const double height = panel.normal.dot(x - panel.centre);
   for (const TrianglePoint& rule : kTriangleRule) {
     const Vec<3> to = at(panel, rule.barycentric) - x;
-    const double inverse = 1 / to.norm();
+    const double inverse = 1 / to.norm(), inverse_squared = inverse * inverse;
     const Vec<3> value = (rule.weight * panel.area * inverse) * density_functions(rule.barycentric);
+    const Vec<3> rate = inverse_squared * value;
     out.value += value;
-    if (with_gradient)
-      for (size_t k = 0; k < 3; ++k) out.gradient[k] += (value[Eigen::Index(k)] * inverse * inverse) * to;
+    out.dipole += height * rate;
+    if (!with_gradient) continue;
+    const Vec<3> dipole_direction = panel.normal + (3 * height * inverse_squared) * to;
+    for (size_t k = 0; k < 3; ++k) {
+      out.gradient[k] += rate[Eigen::Index(k)] * to;
+      out.dipole_gradient[k] += rate[Eigen::Index(k)] * dipole_direction;
+    }
   }
 }
 

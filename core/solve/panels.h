@@ -14,7 +14,7 @@ namespace barycast {
 
 // Densities are linear on a panel and may jump between panels. They are given by their values at the three points
 // where the barycentric coordinates are 2/3, 1/6, 1/6: the rule of degree two there makes their functions
-// orthogonal, and turns a panel that is far away into three point charges.
+// orthogonal, and turns a panel that is far away into three points.
 struct Panel {
   std::array<Vec<3>, 3> corner;
   std::array<Vec<3>, 3> point;  // of the density's values

@@ -96,8 +96,23 @@ TEST(PanelPotential, GradientsAreThoseOfTheValues) {
       for (size_t i = 0; i < 3; ++i) {
         const auto at = static_cast<Eigen::Index>(i);
         EXPECT_NEAR(exact.gradient[i][k], (high.value[at] - low.value[at]) / 2e-5, 1e-5) << x.transpose();
+        // In the plane they jump inside of the panel alone; a thousandth off it they are steep.
+        const double tolerance = std::abs(panel.normal.dot(x - panel.centre)) == 1e-3 ? 1e-2 : 1e-4;
+        EXPECT_NEAR(exact.dipole_gradient[i][k], (high.dipole[at] - low.dipole[at]) / 2e-5, tolerance) << x.transpose();
       }
     }
+  }
+}
+
+// A dipole is what a charge's potential loses along the normal.
+TEST(PanelPotential, DipolesAreTheNormalDerivative) {
+  const Panel panel = some_panel();
+  for (const Vec<3>& x : places_around(panel)) {
+    PanelPotential exact, low, high;
+    exact_potential(panel, x, false, exact);
+    exact_potential(panel, x - 1e-5 * panel.normal, false, low);
+    exact_potential(panel, x + 1e-5 * panel.normal, false, high);
+    EXPECT_LT((exact.dipole - (low.value - high.value) / 2e-5).norm(), 1e-5) << x.transpose();
   }
 }
 
@@ -112,8 +127,11 @@ TEST(PanelPotential, FarRuleHoldsFromFiveRadiiOn) {
     exact_potential(panel, x, true, exact);
     far_potential(panel, x, true, far);
     EXPECT_LT((exact.value - far.value).norm(), 3e-6 * exact.value.norm());
-    for (size_t k = 0; k < 3; ++k)
+    EXPECT_LT((exact.dipole - far.dipole).norm(), 1e-4 * exact.dipole.norm());
+    for (size_t k = 0; k < 3; ++k) {
       EXPECT_LT((exact.gradient[k] - far.gradient[k]).norm(), 3e-5 * exact.gradient[k].norm());
+      EXPECT_LT((exact.dipole_gradient[k] - far.dipole_gradient[k]).norm(), 3e-4 * exact.dipole_gradient[k].norm());
+    }
   }
 }
 
@@ -127,6 +145,31 @@ TEST(PanelPotential, InteractionsDoNotDependOnTheOrder) {
       // Integrated on the same side, but for panels of equal size.
       EXPECT_LT((ab - ba.transpose()).norm(), 5e-3 * ab.norm()) << a << " " << b;
     }
+}
+
+// -D[1] is one inside and zero outside, and -D[phi] sums to it: beside the cage too.
+TEST(DoubleLayer, OfOneTellsInsideFromOutside) {
+  for (const Shape& shape : {testing::box(), testing::bent_prism()}) {
+    const auto index = testing::make_index(shape);
+    const Cage<3>& cage = structures_of(*index).cage;
+    const PanelKernels kernels(*Panels::cut(cage, 200));
+    const DoubleLayer dipoles(cage, kernels.panels(), BoundaryData(cage, false));
+    PanelKernels::Tables tables(kernels.point_count());
+    for (const Panel& panel : kernels.panels().panels)
+      for (const double height : {1e-9, 1e-4}) {
+        kernels.fill(panel.point[0] - height * panel.normal, 0, false, tables);
+        kernels.fill(panel.point[0] + height * panel.normal, 1, false, tables);
+        DoubleLayer::Rows rows = DoubleLayer::Rows::Zero(4, cage.control_vertex_count());
+        Eigen::Array4d enclosed = Eigen::Array4d::Zero();
+        dipoles.add(tables.dipoles, rows, enclosed);
+        EXPECT_NEAR(enclosed[0], 1, 1e-3);
+        EXPECT_NEAR(enclosed[1], 0, 1e-3);
+        EXPECT_NEAR(rows.row(0).sum(), enclosed[0], 1e-12);
+        // Next to the panel the rows differ by the basis at its point.
+        EXPECT_LT((rows.row(0) - rows.row(1) - dipoles.at(size_t(&panel - kernels.panels().panels.data()) * 3)).norm(),
+                  height < 1e-6 ? 1e-6 : 2e-2);
+      }
+  }
 }
 
 TEST(TiledCholesky, Solves) {
@@ -180,30 +223,84 @@ std::vector<Vec<3>> points_in_box(size_t count, double reach, uint32_t seed) {
   return points;
 }
 
+// Everywhere, and next to faces, edges and corners.
 TEST(BoundaryElements, AreTrilinearInABox) {
   const auto index = testing::make_index(testing::box());
-  const auto solution = solve(*index, 2000, false);
-  EXPECT_LT(box_error(*solution, *index, points_in_box(400, 1.0, 3)).worst, 1e-3);
-  std::vector<Vec<3>> near = points_in_box(200, 0.9, 4);
-  for (size_t i = 0; i < near.size(); ++i) near[i][static_cast<Eigen::Index>(i % 3)] = 1 - 1e-3;
-  EXPECT_LT(box_error(*solution, *index, near).worst, 1e-3);
+  const auto solution = solve(*index, 1000, false);
+  EXPECT_LT(box_error(*solution, *index, points_in_box(400, 1.0, 3)).worst, 5e-4);
+  for (Eigen::Index close_faces = 1; close_faces <= 3; ++close_faces)
+    for (const double distance : {3e-4, 3e-3, 3e-2}) {
+      std::vector<Vec<3>> points = points_in_box(100, 1.0, 4);
+      for (Vec<3>& x : points)
+        for (Eigen::Index k = 0; k < close_faces; ++k) x[k] = 1 - distance * (1 + std::abs(x[k]));
+      EXPECT_LT(box_error(*solution, *index, points).worst, 5e-4) << close_faces << ", " << distance;
+    }
 }
 
-// Linear densities have order 3 where they are smooth. At the box's edges they grow outside like the power -1/3 of the
-// distance; panels graded with power 2 bring the order there to 2 x 2 x 2/3, and somewhat less at its corners.
+// The dipoles hold what is bilinear on the faces, and the density is smooth: order 3 and more, until the rules of the
+// far panels show, at 1e-5.
 TEST(BoundaryElements, ConvergeWithThePanels) {
   const auto index = testing::make_index(testing::box());
   const std::vector<Vec<3>> points = points_in_box(100, 0.7, 5);
-  const double coarse = box_error(*solve(*index, 96, false), *index, points).rms;
-  const double fine = box_error(*solve(*index, 864, false), *index, points).rms;
+  const auto error = [&](uint32_t panels) { return box_error(*solve(*index, panels, false), *index, points).rms; };
+  const double coarse = error(24), middle = error(96), fine = error(384);
+  EXPECT_GT(std::log(coarse / fine) / std::log(4.0), 3.0) << coarse << " -> " << fine;
+  EXPECT_LT(middle, 2e-4);
+  EXPECT_LT(fine, 4e-5);
+}
+
+// Where the cage bends inwards densities are infinite at the edge, like the power -1/3, and panels graded with power 2
+// keep the order at 2 x 2 x 2/3 and somewhat less in corners. Against many panels, for there is no closed form.
+TEST(BoundaryElements, ConvergeAtEdgesThatBendInwards) {
+  const auto index = testing::make_index(testing::bent_prism());
+  std::vector<Vec<3>> points;
+  for (const Vec<3>& x : points_in_box(2000, 0.5, 6))
+    if (structures_of(*index).winding->inside(x) && structures_of(*index).distance->closest(x).distance > 0.03)
+      points.push_back(x);
+  ASSERT_GT(points.size(), 50u);
+  const auto rows = [&](uint32_t panels) {
+    SolvedRows<3> result;
+    solve(*index, panels, false)->evaluate(points, false, result);
+    return result.values;
+  };
+  const auto best = rows(2000);
+  const double coarse = (rows(60) - best).norm(), fine = (rows(540) - best).norm();
   EXPECT_GT(std::log(coarse / fine) / std::log(3.0), 2.2) << coarse << " -> " << fine;
+}
+
+// Green's representation holds linear functions exactly: no correction is needed for them.
+TEST(BoundaryElements, InsideRowsAreNearlyLinearPrecise) {
+  const auto index = testing::make_index(testing::bent_prism());
+  const Cage<3>& cage = structures_of(*index).cage;
+  const auto solution = solve(*index, 300, false);
+  SolvedRows<3> rows;
+  std::vector<Vec<3>> inside;
+  for (const Vec<3>& x : points_in_box(400, 0.5, 6))
+    if (structures_of(*index).winding->inside(x)) inside.push_back(x);
+  solution->evaluate(inside, false, rows);
+  for (size_t i = 0; i < inside.size(); ++i) {
+    Vec<3> x = Vec<3>::Zero();
+    for (uint32_t v = 0; v < cage.control_vertex_count(); ++v)
+      x += rows.values(Eigen::Index(i), v) * cage.control_vertices()[v];
+    EXPECT_LT((x - inside[i]).norm(), 1e-3);
+    EXPECT_NEAR(rows.values.row(Eigen::Index(i)).sum(), 1, 1e-3);
+  }
 }
 
 // Walks and boundary elements share nothing but the cage and the closest points. Inside, outside, closed and open: they
 // differ by no more than the walks differ among themselves.
 TEST(BoundaryElements, AreWhatWalksConvergeTo) {
   constexpr size_t kPoints = 16, kSeeds = 6;
-  for (const Shape& shape : {testing::bent_prism(), testing::mixed_prism(), testing::open_box(), testing::soup()}) {
+  struct Case {
+    Shape shape;
+    double error = 0.002;  // of the panels, and the bias of the pseudo-samples
+  };
+  // The last two hold a part of themselves, and cut themselves: there one layer serves inside too. Panels do not
+  // follow the cut.
+  for (const auto& [shape, error] :
+       {Case{testing::bent_prism()}, Case{testing::mixed_prism()}, Case{testing::open_box()}, Case{testing::soup()},
+        Case{testing::joined(testing::box(), testing::small_box(0.1, 0.2, 0.0))},
+        Case{testing::joined(testing::box(), testing::small_box(0.8, 0.7, 0.6)), 0.015}}) {
     const auto index = testing::make_index(shape);
     const QueryInput queries = testing::loose_points(testing::random_points(kPoints, 3, -1.6, 1.6, 6));
     const RowBlock solved = testing::bind_or_die(
@@ -223,8 +320,7 @@ TEST(BoundaryElements, AreWhatWalksConvergeTo) {
       for (const RowBlock& block : walked) noise += (row(block) - mean).squaredNorm() / (kSeeds * (kSeeds - 1));
       difference += (row(solved) - mean).squaredNorm();
     }
-    // 0.002: the error of the panels and the bias of the pseudo-samples.
-    EXPECT_LT(difference, 1.6 * noise + kPoints * 0.002 * 0.002);
+    EXPECT_LT(difference, 1.6 * noise + kPoints * error * error);
     EXPECT_LT(noise / kPoints, 0.02 * 0.02);
   }
 }

@@ -51,6 +51,24 @@ inline Shape box() {
   return shape;
 }
 
+// Both, as one cage.
+inline Shape joined(const Shape& a, const Shape& b) {
+  Shape shape = a;
+  const auto first = static_cast<uint32_t>(a.vertices.size() / a.dimension);
+  shape.vertices.insert(shape.vertices.end(), b.vertices.begin(), b.vertices.end());
+  for (const uint32_t v : b.triangles) shape.triangles.push_back(first + v);
+  for (const uint32_t v : b.quads) shape.quads.push_back(first + v);
+  return shape;
+}
+
+// A box of half the size about a point.
+inline Shape small_box(double x, double y, double z) {
+  Shape shape = box();
+  for (size_t i = 0; i < shape.vertices.size(); ++i)
+    shape.vertices[i] = 0.5 * shape.vertices[i] + std::array{x, y, z}[i % 3];
+  return shape;
+}
+
 // Closed, non-convex (an L of three cells), with bilinear, non-planar quads.
 inline Shape bent_prism() {
   Shape shape;

@@ -1,0 +1,35 @@
+#pragma once
+
+// The part of Green's representation formula that is known beforehand: inside a closed cage a harmonic function is
+// u = S[du/dn] - D[u], its values on the cage as dipoles. Here D of the basis functions phi_v, as linear functions
+// on the panels that agree at their corners.
+
+#include "solve/boundary_data.h"
+#include "solve/panel_kernels.h"
+
+namespace barycast {
+
+class DoubleLayer {
+ public:
+  DoubleLayer(const Cage<3>& cage, const Panels& panels, const BoundaryData& data);
+
+  using Rows = Eigen::Matrix<double, 4, Eigen::Dynamic, Eigen::RowMajor>;
+  // Adds -D[phi_v] to the first columns of `out`, from rows of PanelKernels, and -D[1] to `enclosed`: the latter is 1
+  // inside the panels, 0 outside, 1/2 on them. Every row depends on the same row alone.
+  void add(const PanelKernels::Table& dipoles, Rows& out, Eigen::Array4d& enclosed) const;
+
+  // phi_v at a point of a panel, as the dipoles have it: a row of the columns of the basis.
+  BoundaryData::Row at(size_t panel_point) const;
+
+  size_t bytes() const { return static_cast<size_t>(shares_.size()) * sizeof(double); }
+
+ private:
+  void add_basis(uint32_t element, const Eigen::Array4d& shares, Eigen::Ref<BoundaryData::Row> out) const;
+
+  const Cage<3>& cage_;
+  BoundaryData data_;
+  std::vector<uint32_t> element_of_panel_;
+  Eigen::Array<double, Eigen::Dynamic, 4, Eigen::RowMajor> shares_;  // of the element's corners, per point of a panel
+};
+
+}  // namespace barycast
