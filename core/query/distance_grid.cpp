@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <span>
@@ -26,9 +27,13 @@ class DistanceGrid final : public DistanceIndex<D> {
     const std::array<float, 3> point = in_floats(x);
     const uint32_t cell = grid_cell(grid_, point);
     if ((cell & kGridFarBit) != 0) return everywhere_->closest(x);
-    Search search{x, point, grid_.slack[grid_list_begin(cell)], {}, 0, std::numeric_limits<float>::infinity()};
+    Search search{x, {}, 0};
     search.best.distance_squared = std::numeric_limits<double>::infinity();
-    for (const uint32_t block : blocks_of(cell)) visit(grid_.blocks[block], search);
+    uint32_t last = kNoFacet;  // a facet's triangles are neighbours
+    for (const uint32_t block : grid_.blocks_of(cell))
+      propose(grid_.blocks[block], point, grid_.slack(cell), search.best.distance_squared, [&](uint32_t triangle) {
+        if (const uint32_t facet = triangles_[triangle].facet; facet != last) decide(last = facet, search);
+      });
     return {std::sqrt(search.best.distance_squared), facets_[search.facet].element, search.best.shares,
             search.best.point};
   }
@@ -37,8 +42,12 @@ class DistanceGrid final : public DistanceIndex<D> {
     const std::array<float, 3> point = in_floats(x);
     const uint32_t cell = grid_cell(grid_, point);
     // The facet of the nearest triangle may be farther than the closest one, by the deviations of both.
-    if ((cell & kGridFarBit) != 0 || 2.0 * double{grid_.slack[grid_list_begin(cell)]} > tolerance) return closest(x);
-    return below(x, triangles_[grid_nearest(grid_, cell, point)]);
+    if ((cell & kGridFarBit) != 0 || 2.0 * double{grid_.slack(cell)} > tolerance) return closest(x);
+    OnTriangle best{{}, std::numeric_limits<double>::infinity(), 0};
+    for (const uint32_t block : grid_.blocks_of(cell))
+      propose(grid_.blocks[block], point, 0.0f, best.distance_squared,
+              [&](uint32_t triangle) { decide(triangle, x, best); });
+    return on_facet(x, best);
   }
 
   void free_radii(const WalkPositions& at, uint32_t* /*hints*/, float* radii) const override {
@@ -54,13 +63,16 @@ class DistanceGrid final : public DistanceIndex<D> {
   }
 
  private:
+  static constexpr uint32_t kNoFacet = 0xFFFFFFFFu;
   struct Search {
     Vec<D> x;
-    std::array<float, 3> point;
-    float slack;
     ElementPoint<D> best;
     uint32_t facet;
-    float reach;  // no triangle farther than this can be of the closest facet; infinite to begin with
+  };
+  struct OnTriangle {
+    TriangleShares shares;
+    double distance_squared;
+    uint32_t triangle;
   };
 
   static std::array<float, 3> in_floats(const Vec<D>& x) {
@@ -69,32 +81,43 @@ class DistanceGrid final : public DistanceIndex<D> {
     return point;
   }
 
-  std::span<const uint32_t> blocks_of(uint32_t cell) const {
-    return std::span(grid_.lists).subspan(grid_list_begin(cell), grid_list_length(cell));
+  // Floats propose the triangles of a block that may be nearer than a distance, squared, by the slack; the one with the
+  // least bound first where none is known. Doubles decide.
+  template <class Decide>
+  void propose(const BoundBlock& block, const std::array<float, 3>& point, float slack, const double& squared,
+               const Decide& decide) const {
+    uint32_t asked = 0;
+    if (std::isinf(squared)) {
+      const uint32_t first = least_bound(block, point);
+      decide(block.triangle[first]);
+      asked = 1u << first;
+    }
+    const float reach =
+        static_cast<float>(std::sqrt(squared)) * (1.0f + kBlockRelativeRounding) + slack + kBlockRounding;
+    for (uint32_t lanes = bounds_below(block, point, reach * reach) & ~asked; lanes != 0; lanes &= lanes - 1)
+      decide(block.triangle[static_cast<size_t>(std::countr_zero(lanes))]);
   }
 
-  // Floats propose the triangles of a block; doubles decide, and at equal distances the element, then the facet.
-  void visit(const TriangleBlock& block, Search& search) const {
-    TriangleBlock::Lanes squared;
-    block_distances_squared(block, search.point, squared);
-    const float least = std::sqrt(*std::min_element(squared.begin(), squared.end()));
-    const float margin = 2.0f * (search.slack + kBlockRounding + kBlockRelativeRounding * least);
-    search.reach = std::min(search.reach, least + margin);
-    std::array<uint32_t, kBlockLanes> seen;
-    size_t seen_count = 0;
-    for (size_t lane = 0; lane < kBlockLanes; ++lane) {
-      if (squared[lane] > search.reach * search.reach) continue;
-      const uint32_t facet = triangles_[block.triangle[lane]].facet;
-      const auto seen_end = seen.begin() + static_cast<std::ptrdiff_t>(seen_count);
-      if (std::find(seen.begin(), seen_end, facet) != seen_end) continue;
-      seen[seen_count++] = facet;
-      const ElementPoint<D> candidate = closest_on(facets_[facet], search.x);
-      if (candidate.distance_squared < search.best.distance_squared ||
-          (candidate.distance_squared == search.best.distance_squared && precedes(facet, search.facet))) {
-        search.best = candidate;
-        search.facet = facet;
-      }
+  // At equal distances the element, then the facet.
+  void decide(uint32_t facet, Search& search) const {
+    const ElementPoint<D> candidate = closest_on(facets_[facet], search.x);
+    if (candidate.distance_squared < search.best.distance_squared ||
+        (candidate.distance_squared == search.best.distance_squared && precedes(facet, search.facet))) {
+      search.best = candidate;
+      search.facet = facet;
     }
+  }
+
+  // At equal distances the lower number.
+  void decide(uint32_t triangle, const Vec<D>& x, OnTriangle& best) const {
+    const auto& c = triangles_[triangle].corners;
+    Vec<3> in_space = Vec<3>::Zero();
+    in_space.template head<D>() = x;
+    const TriangleShares shares = closest_shares(in_space, c[0], c[1], c[2]);
+    const double squared =
+        (shares.first() * c[0] + shares.second * c[1] + shares.third * c[2] - in_space).squaredNorm();
+    if (squared < best.distance_squared || (squared == best.distance_squared && triangle < best.triangle))
+      best = {shares, squared, triangle};
   }
 
   bool precedes(uint32_t a, uint32_t b) const {
@@ -112,25 +135,28 @@ class DistanceGrid final : public DistanceIndex<D> {
     }
   }
 
-  // The closest point on the triangle's facet.
-  CagePoint<D> below(const Vec<D>& x, const FacetTriangle& triangle) const {
+  // From the closest point on a triangle to that on its facet.
+  CagePoint<D> on_facet(const Vec<D>& x, const OnTriangle& on) const {
+    const FacetTriangle& triangle = triangles_[on.triangle];
     const Facet& facet = facets_[triangle.facet];
-    ElementPoint<D> result;
+    const Element& element = cage_.elements()[facet.element];
     if constexpr (D == 3) {
-      const Element& element = cage_.elements()[facet.element];
-      result = closest_on_triangle(x, triangle.corners[0], triangle.corners[1], triangle.corners[2]);
       if (element.kind == ElementKind::kQuad) {
         // Of a facet's two triangles, the first has its corners 0, 1, 2, the second 0, 2, 3.
-        const bool first = &triangle == triangles_.data() || (&triangle - 1)->facet != triangle.facet;
-        const auto& s = result.shares;
-        const double u = facet.window.u + facet.window.size * (first ? s[1] + s[2] : s[1]);
-        const double v = facet.window.v + facet.window.size * (first ? s[2] : s[1] + s[2]);
-        result = closest_on_patch(x, patch_of(cage_, element), facet.window, u, v);
+        const bool first = on.triangle == 0 || triangles_[on.triangle - 1].facet != triangle.facet;
+        const double both = on.shares.second + on.shares.third;
+        const double u = facet.window.u + facet.window.size * (first ? both : on.shares.second);
+        const double v = facet.window.v + facet.window.size * (first ? on.shares.third : both);
+        const ElementPoint<3> at = closest_on_patch(x, patch_of(cage_, element), facet.window, u, v);
+        return {std::sqrt(at.distance_squared), facet.element, at.shares, at.point};
       }
+      const std::array<double, 4> shares = {on.shares.first(), on.shares.second, on.shares.third, 0.0};
+      return {std::sqrt(on.distance_squared), facet.element, shares,
+              shares[0] * triangle.corners[0] + shares[1] * triangle.corners[1] + shares[2] * triangle.corners[2]};
     } else {
-      result = closest_on(facet, x);
+      const ElementPoint<D> at = closest_on(facet, x);
+      return {std::sqrt(at.distance_squared), facet.element, at.shares, at.point};
     }
-    return {std::sqrt(result.distance_squared), facet.element, result.shares, result.point};
   }
 
   const Cage<D>& cage_;

@@ -54,10 +54,11 @@ class DistanceIndex {
   // A point of the cage, for walks to end at: its distance is more than that of the closest by `tolerance` at most.
   virtual CagePoint<D> near(const Vec<D>& x, double tolerance) const = 0;
 
-  // Radii of balls around positions that contain no point of the cage: never more than the distance, and as good as
-  // half of it where that is more than some thousandths of the diagonal; radii[i] below it may be 0. hints[i] carries
-  // what an engine found for the walk's last position to its next one, if it wants to; kNoHint to begin with. Hints
-  // never change an answer. `hints` and `radii` are padded as positions are.
+  // Radii of balls around positions that contain no point of the cage: never more than the distance; as good as half of
+  // it where that is more than some thousandths of the diagonal, but for a few in a hundred positions, beside sharp
+  // corners; radii[i] below it may be 0. hints[i] carries what an engine found for the walk's last position to its next
+  // one, if it wants to; kNoHint to begin with. Hints never change an answer. `hints` and `radii` are padded as
+  // positions are.
   virtual void free_radii(const WalkPositions& at, uint32_t* hints, float* radii) const = 0;
 
   virtual size_t bytes() const = 0;

@@ -27,15 +27,14 @@ double clamp01(double t) {
   return std::clamp(t, 0.0, 1.0);
 }
 
-// The regions that closest_on_triangle decides by are told apart by differences of products that a sliver loses to
+// The regions that closest_shares decides by are told apart by differences of products that a sliver loses to
 // rounding: it acts as its edges, which miss the closest point by its height at most.
-ElementPoint<3> closest_on_sliver(const Vec<3>& x, const Vec<3>& a, const Vec<3>& b, const Vec<3>& c) {
-  auto best = closest_on_segment<3>(x, a, b);
-  if (const auto ac = closest_on_segment<3>(x, a, c); ac.distance_squared < best.distance_squared)
-    best = {ac.distance_squared, ac.point, {ac.shares[0], 0, ac.shares[1], 0}};
-  if (const auto bc = closest_on_segment<3>(x, b, c); bc.distance_squared < best.distance_squared)
-    best = {bc.distance_squared, bc.point, {0, bc.shares[0], bc.shares[1], 0}};
-  return best;
+TriangleShares closest_on_sliver(const Vec<3>& x, const Vec<3>& a, const Vec<3>& b, const Vec<3>& c) {
+  const auto ab = closest_on_segment<3>(x, a, b), ac = closest_on_segment<3>(x, a, c),
+             bc = closest_on_segment<3>(x, b, c);
+  if (ab.distance_squared <= std::min(ac.distance_squared, bc.distance_squared)) return {ab.shares[1], 0.0};
+  if (ac.distance_squared <= bc.distance_squared) return {0.0, ac.shares[1]};
+  return {bc.shares[0], bc.shares[1]};
 }
 
 }  // namespace
@@ -51,37 +50,34 @@ template ElementPoint<2> closest_on_segment<2>(const Vec<2>&, const Vec<2>&, con
 template ElementPoint<3> closest_on_segment<3>(const Vec<3>&, const Vec<3>&, const Vec<3>&);
 
 // By the Voronoi regions of vertices, edges and face [Ericson 2005, 5.1.5].
-ElementPoint<3> closest_on_triangle(const Vec<3>& x, const Vec<3>& a, const Vec<3>& b, const Vec<3>& c) {
-  const std::array<const Vec<3>*, 3> corner{&a, &b, &c};
+TriangleShares closest_shares(const Vec<3>& x, const Vec<3>& a, const Vec<3>& b, const Vec<3>& c) {
   const Vec<3> ab = b - a, ac = c - a, ax = x - a;
   const double longest = std::max({ab.squaredNorm(), ac.squaredNorm(), (c - b).squaredNorm()});
   if (ab.cross(ac).squaredNorm() < kSliver * kSliver * longest * longest) return closest_on_sliver(x, a, b, c);
   const double d1 = ab.dot(ax), d2 = ac.dot(ax);
-  if (d1 <= 0 && d2 <= 0) return at_shares<3>(x, corner, {1, 0, 0, 0});
+  if (d1 <= 0 && d2 <= 0) return {0.0, 0.0};
   const Vec<3> bx = x - b;
   const double d3 = ab.dot(bx), d4 = ac.dot(bx);
-  if (d3 >= 0 && d4 <= d3) return at_shares<3>(x, corner, {0, 1, 0, 0});
+  if (d3 >= 0 && d4 <= d3) return {1.0, 0.0};
   const double vc = d1 * d4 - d3 * d2;
-  if (vc <= 0 && d1 >= 0 && d3 <= 0) {
-    const double t = d1 / (d1 - d3);
-    return at_shares<3>(x, corner, {1 - t, t, 0, 0});
-  }
+  if (vc <= 0 && d1 >= 0 && d3 <= 0) return {d1 / (d1 - d3), 0.0};
   const Vec<3> cx = x - c;
   const double d5 = ab.dot(cx), d6 = ac.dot(cx);
-  if (d6 >= 0 && d5 <= d6) return at_shares<3>(x, corner, {0, 0, 1, 0});
+  if (d6 >= 0 && d5 <= d6) return {0.0, 1.0};
   const double vb = d5 * d2 - d1 * d6;
-  if (vb <= 0 && d2 >= 0 && d6 <= 0) {
-    const double t = d2 / (d2 - d6);
-    return at_shares<3>(x, corner, {1 - t, 0, t, 0});
-  }
+  if (vb <= 0 && d2 >= 0 && d6 <= 0) return {0.0, d2 / (d2 - d6)};
   const double va = d3 * d6 - d5 * d4;
   if (va <= 0 && d4 - d3 >= 0 && d5 - d6 >= 0) {
     const double t = (d4 - d3) / ((d4 - d3) + (d5 - d6));
-    return at_shares<3>(x, corner, {0, 1 - t, t, 0});
+    return {1 - t, t};
   }
   const double scale = 1 / (va + vb + vc);
-  const double v = vb * scale, w = vc * scale;
-  return at_shares<3>(x, corner, {1 - v - w, v, w, 0});
+  return {vb * scale, vc * scale};
+}
+
+ElementPoint<3> closest_on_triangle(const Vec<3>& x, const Vec<3>& a, const Vec<3>& b, const Vec<3>& c) {
+  const TriangleShares shares = closest_shares(x, a, b, c);
+  return at_shares<3>(x, {&a, &b, &c}, {shares.first(), shares.second, shares.third, 0});
 }
 
 TrianglePairDistance::TrianglePairDistance(const std::array<Vec<3>, 3>& first, const std::array<Vec<3>, 3>& second) {
@@ -206,18 +202,17 @@ std::vector<PatchWindow> patch_windows(int cuts) {
 ElementPoint<3> closest_on_patch(const Vec<3>& x, const BilinearPatch& patch, const PatchWindow& window) {
   const BilinearPatch part = window.size == 1.0 ? patch : patch.part(window);
   const auto& c = part.corner;
-  const auto lower = closest_on_triangle(x, c[0], c[1], c[2]).shares,
-             upper = closest_on_triangle(x, c[0], c[2], c[3]).shares;
+  const TriangleShares lower = closest_shares(x, c[0], c[1], c[2]), upper = closest_shares(x, c[0], c[2], c[3]);
   const auto from = [&](double u, double v) {
     return closest_on_patch(x, patch, window, window.u + window.size * u, window.v + window.size * v);
   };
   // Where corners (nearly) coincide parameters say little, and Newton may stop short: the sides, which are straight,
   // and more places to start from make up for it.
-  ElementPoint<3> best = from(lower[1] + lower[2], lower[2]);
+  ElementPoint<3> best = from(lower.second + lower.third, lower.third);
   const auto consider = [&](const ElementPoint<3>& other) {
     if (other.distance_squared < best.distance_squared) best = other;
   };
-  consider(from(upper[1], upper[1] + upper[2]));
+  consider(from(upper.second, upper.second + upper.third));
   double shortest = std::numeric_limits<double>::infinity(), longest = 0.0;
   for (size_t i = 0; i < 4; ++i) {
     const double side = (c[(i + 1) % 4] - c[i]).norm();

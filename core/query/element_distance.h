@@ -25,6 +25,17 @@ ElementPoint<D> closest_on_segment(const Vec<D>& x, const Vec<D>& a, const Vec<D
 
 ElementPoint<3> closest_on_triangle(const Vec<3>& x, const Vec<3>& a, const Vec<3>& b, const Vec<3>& c);
 
+// The closest point's shares of the second and the third corner; small enough for registers.
+struct TriangleShares {
+  double second, third;
+  // Of the first corner: 0 on the opposite edge, whatever the others were rounded to.
+  double first() const {
+    const double rest = 1 - second - third;
+    return rest < 4e-16 ? 0.0 : rest;
+  }
+};
+TriangleShares closest_shares(const Vec<3>& x, const Vec<3>& a, const Vec<3>& b, const Vec<3>& c);
+
 // Distance to two triangles at once (a quad cut along a diagonal; or one triangle, twice), for sampling
 // decisions alone: floats, one lane per edge.
 class TrianglePairDistance {

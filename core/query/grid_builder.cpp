@@ -19,15 +19,23 @@ constexpr double kInnerPadding = 0.02;
 // Half the outer lattice's side: beyond kReentryRadius walks are brought back.
 constexpr double kOuterReach = kReentryRadius + 0.01;
 constexpr uint32_t kOuterCells = 32;
-// Cells with more blocks are cut, or, where everything is this many of their half diagonals away, only know how far it
-// is: their radii are (k - 1) / (k + 1) of the distance at least. Less far is enough where the list would be long.
-constexpr size_t kBlocksEnough = 2, kBlocksMany = 6;
+// Cells with more triangles than a block holds are cut, or, where everything is this many of their half diagonals away,
+// only know how far it is: their radii are (k - 1) / (k + 1) of the distance at least. Less far is enough where
+// triangles are many.
+constexpr size_t kTrianglesMany = 6 * kBlockLanes;
 constexpr double kFar = 8.0, kFarOfMany = 4.0;
 // Facets may deviate by this part of the distance, which the radius then falls short by.
 constexpr double kDetail = 0.025;
 // Evaluations of blocks, of some ten nanoseconds each, for a lattice. Cubes are cut from large to small: where a cage
 // is too dense for it, all cells stay coarse, and list more.
 constexpr uint64_t kEvaluationsMax = 3'000'000;
+// Blocks for cells of their own: at least, and per triangle. Beyond, cells list the blocks of neighbours.
+constexpr size_t kOwnBlocksLeast = 2400, kOwnBlocksPerTriangle = 2;
+constexpr size_t kOwnBlocksOfCell = 3;
+// Blocks with the cell's nearest triangle that are looked at for one that holds all of the cell's. Its slack may be
+// larger by this factor.
+constexpr size_t kSharingTries = 24;
+constexpr float kSharingSlack = 1.5f;
 // Entries of all lists. Beyond, cells know nothing and leave their points to Embree.
 constexpr size_t kListedMax = size_t{1} << 22;
 static_assert(kListedMax + kGridLengthMax + 1 < kGridFarBit >> kGridLengthBits, "lists begin below the top bit");
@@ -38,17 +46,25 @@ std::array<float, 3> in_floats(const Vec<3>& x) {
   return {static_cast<float>(x[0]), static_cast<float>(x[1]), static_cast<float>(x[2])};
 }
 
-// A block near a cell, and its distance from the cell's centre.
+// A block near a cell, its distance from the cell's centre, and which of its triangles may be nearest in the cell.
 struct Near {
   uint32_t block;
   double distance;
+  uint32_t lanes;
 };
+
+size_t triangle_count(const std::vector<Near>& near) {
+  size_t count = 0;
+  for (const Near& n : near) count += static_cast<size_t>(std::popcount(n.lanes));
+  return count;
+}
 
 class Builder {
  public:
   Builder(const FacetLevels& facets, int dimension) : facets_(facets), dimension_(dimension) {}
 
   GridTables build() {
+    grid_.lists.push_back(0);  // so that there is a first, for lanes without a list
     for (const FacetLevel& level : facets_.levels) make_blocks(level);
     Vec<3> low = facets_.triangles[0].corners[0], high = low;
     for (const FacetTriangle& triangle : facets_.triangles)
@@ -58,20 +74,35 @@ class Builder {
       }
     low.array() -= kInnerPadding;
     high.array() += kInnerPadding;
-    const size_t blocks = level_blocks_.front().size();
-    uint32_t cells = blocks <= 4 ? 32 : blocks <= 128 ? 64 : 128;
+    const size_t triangles = facets_.levels.front().triangle_count;
+    own_blocks_max_ = kOwnBlocksLeast + kOwnBlocksPerTriangle * triangles;
+    blocks_with_.resize(facets_.triangles.size());
+    uint32_t cells = triangles <= 32 ? 32 : triangles <= 1024 ? 64 : 128;
     if (dimension_ == 2) cells *= 2;
     grid_.inner = lattice(low, high, cells);
     grid_.outer = lattice(Vec<3>::Constant(-kOuterReach), Vec<3>::Constant(kOuterReach), kOuterCells);
     fill(grid_.inner);
     fill(grid_.outer);
     grid_.lists.shrink_to_fit();
-    grid_.slack.shrink_to_fit();
+    grid_.blocks.shrink_to_fit();
     grid_.far.shrink_to_fit();
     return std::move(grid_);
   }
 
  private:
+  static constexpr uint32_t kNoBlock = 0xFFFFFFFFu;
+  struct Neighbours {
+    DistanceBlock distances;
+    uint32_t count;
+    double deviation;
+    uint32_t bounds;  // the grid's block of the same triangles, once a list has it
+  };
+  struct OwnBlock {
+    std::vector<uint32_t> triangles;  // ascending
+    float slack;
+    uint32_t block;
+  };
+
   struct Cube {
     uint32_t x, y, z, size;  // in cells
   };
@@ -79,10 +110,10 @@ class Builder {
   void make_blocks(const FacetLevel& level) {
     std::vector<uint32_t> triangles(level.triangle_count);
     for (uint32_t i = 0; i < level.triangle_count; ++i) triangles[i] = level.first_triangle + i;
-    const auto first = static_cast<uint32_t>(grid_.blocks.size());
+    const auto first = static_cast<uint32_t>(neighbours_.size());
     cut(triangles.data(), triangles.data() + triangles.size());
     level_blocks_.emplace_back();
-    for (uint32_t block = first; block < grid_.blocks.size(); ++block) level_blocks_.back().push_back(block);
+    for (uint32_t block = first; block < neighbours_.size(); ++block) level_blocks_.back().push_back(block);
   }
 
   Vec<3> middle(uint32_t triangle) const {
@@ -112,16 +143,25 @@ class Builder {
   }
 
   // Lanes that are left over repeat the first triangle.
-  void add_block(std::span<const uint32_t> triangles) {
-    TriangleBlock block;
-    double deviation = 0.0;
+  template <class Block>
+  Block make_block(std::span<const uint32_t> triangles) const {
+    Block block;
     for (size_t lane = 0; lane < kBlockLanes; ++lane) {
       const uint32_t triangle = triangles[lane < triangles.size() ? lane : 0];
       set_lane(block, lane, facets_.triangles[triangle].corners, triangle);
-      deviation = std::max(deviation, facets_.deviation[facets_.triangles[triangle].facet]);
     }
-    grid_.blocks.push_back(block);
-    deviation_.push_back(deviation);
+    return block;
+  }
+
+  double deviation(uint32_t triangle) const { return facets_.deviation[facets_.triangles[triangle].facet]; }
+
+  void add_block(std::span<const uint32_t> triangles) {
+    neighbours_.push_back({.distances = make_block<DistanceBlock>(triangles),
+                           .count = static_cast<uint32_t>(triangles.size()),
+                           .deviation = 0.0,
+                           .bounds = kNoBlock});
+    for (const uint32_t triangle : triangles)
+      neighbours_.back().deviation = std::max(neighbours_.back().deviation, deviation(triangle));
   }
 
   GridLattice lattice(const Vec<3>& low, const Vec<3>& high, uint32_t cells) {
@@ -178,8 +218,9 @@ class Builder {
       near = nearest(blocks, centre, half);
       const bool finest = level + 1 == kept.size();
       if (finest || detailed(near, half)) {
-        if (near.size() <= kBlocksEnough) return set(cube, listed(near));
-        if (least_distance(near) > (near.size() > kBlocksMany ? kFarOfMany : kFar) * half)
+        const size_t triangles = triangle_count(near);
+        if (triangles <= kBlockLanes) return set(cube, listed(near));
+        if (least_distance(near) > (triangles > kTrianglesMany ? kFarOfMany : kFar) * half)
           return set(cube, far(centre, near));
       }
       if (!finest && deviation_min(near) > kDetail * (near.front().distance + half)) continue;  // for all of the cube
@@ -198,21 +239,29 @@ class Builder {
     }
   }
 
-  // The blocks with the triangle nearest to some point within `half` of the centre, from near to far.
-  std::vector<Near> nearest(const std::vector<uint32_t>& blocks, const Vec<3>& centre, double half) const {
+  // The blocks with a triangle nearest to some point within `half` of the centre, from near to far.
+  std::vector<Near> nearest(const std::vector<uint32_t>& blocks, const Vec<3>& centre, double half) {
     const std::array<float, 3> point = in_floats(centre);
     std::vector<Near> result;
     result.reserve(blocks.size());
+    squared_.resize(std::max(squared_.size(), blocks.size()));
     double least = std::numeric_limits<double>::infinity();
-    for (const uint32_t block : blocks) {
-      TriangleBlock::Lanes squared;
-      block_distances_squared(grid_.blocks[block], point, squared);
-      const double distance = std::sqrt(static_cast<double>(*std::min_element(squared.begin(), squared.end())));
-      result.push_back({block, distance});
-      least = std::min(least, distance + deviation_[block]);
+    for (size_t i = 0; i < blocks.size(); ++i) {
+      const Neighbours& block = neighbours_[blocks[i]];
+      distances_squared(block.distances, point, squared_[i]);
+      const double distance = std::sqrt(static_cast<double>(*std::min_element(squared_[i].begin(), squared_[i].end())));
+      result.push_back({blocks[i], distance, 0});
+      least = std::min(least, distance + block.deviation);
     }
     const double bound = (least + 2 * half) * (1 + 2 * double{kBlockRelativeRounding}) + 4 * double{kBlockRounding};
-    std::erase_if(result, [&](const Near& n) { return n.distance - deviation_[n.block] > bound; });
+    for (size_t i = 0; i < blocks.size(); ++i) {
+      const Neighbours& block = neighbours_[blocks[i]];
+      const double reach = bound + block.deviation;
+      if (result[i].distance > reach) continue;
+      for (uint32_t lane = 0; lane < block.count; ++lane)
+        if (static_cast<double>(squared_[i][lane]) <= reach * reach) result[i].lanes |= 1u << lane;
+    }
+    std::erase_if(result, [](const Near& n) { return n.lanes == 0; });
     std::sort(result.begin(), result.end(), [](const Near& a, const Near& b) {
       return a.distance < b.distance || (a.distance == b.distance && a.block < b.block);
     });
@@ -221,13 +270,13 @@ class Builder {
 
   double deviation_of(const std::vector<Near>& near) const {
     double deviation = 0.0;
-    for (const Near& n : near) deviation = std::max(deviation, deviation_[n.block]);
+    for (const Near& n : near) deviation = std::max(deviation, neighbours_[n.block].deviation);
     return deviation;
   }
 
   double deviation_min(const std::vector<Near>& near) const {
     double deviation = std::numeric_limits<double>::infinity();
-    for (const Near& n : near) deviation = std::min(deviation, deviation_[n.block]);
+    for (const Near& n : near) deviation = std::min(deviation, neighbours_[n.block].deviation);
     return deviation;
   }
 
@@ -238,7 +287,7 @@ class Builder {
 
   double least_distance(const std::vector<Near>& near) const {
     double least = std::numeric_limits<double>::infinity();
-    for (const Near& n : near) least = std::min(least, n.distance - deviation_[n.block]);
+    for (const Near& n : near) least = std::min(least, n.distance - neighbours_[n.block].deviation);
     return least * (1 - double{kBlockRelativeRounding}) - double{kBlockRounding};
   }
 
@@ -257,28 +306,87 @@ class Builder {
     return kGridFarBit | static_cast<uint32_t>(grid_.far.size() - 1);
   }
 
-  // A list of these blocks; cells with the same ones share it, whatever their order. kNoCell where they are too many.
+  // A list for these triangles: of blocks of their own where few are enough, of the blocks that they are neighbours in
+  // otherwise. kNoCell where they are too many.
   uint32_t listed(const std::vector<Near>& near) {
-    if (near.size() > kGridLengthMax || grid_.lists.size() > kListedMax) return kNoCell;
     std::vector<uint32_t> blocks;
-    for (const Near& n : near) blocks.push_back(n.block);
+    float slack = 0.0f;
+    if (!own_blocks(near, blocks, slack)) {
+      if (near.size() > kGridLengthMax || grid_.lists.size() > kListedMax) return kNoCell;
+      blocks.clear();
+      for (const Near& n : near) {
+        uint32_t& block = neighbours_[n.block].bounds;
+        if (block == kNoBlock) block = new_block(triangles_of(n.block));
+        blocks.push_back(block);
+      }
+      slack = static_cast<float>(deviation_of(near)) + kBlockRounding;
+    }
     std::vector<uint32_t> key = blocks;
     std::sort(key.begin(), key.end());
     const auto [at, is_new] = lists_.try_emplace(std::move(key), static_cast<uint32_t>(grid_.lists.size()));
     if (is_new) {
-      if (blocks.size() % 2 == 1) blocks.push_back(blocks.back());
+      grid_.lists.push_back(std::bit_cast<uint32_t>(slack));
       grid_.lists.insert(grid_.lists.end(), blocks.begin(), blocks.end());
-      grid_.slack.resize(grid_.lists.size());
-      grid_.slack[at->second] = static_cast<float>(deviation_of(near)) + kBlockRounding;
     }
-    return at->second << kGridLengthBits | static_cast<uint32_t>(near.size());
+    return at->second << kGridLengthBits | static_cast<uint32_t>(blocks.size());
+  }
+
+  std::span<const uint32_t> triangles_of(uint32_t neighbours) const {
+    return {neighbours_[neighbours].distances.triangle.data(), neighbours_[neighbours].count};
+  }
+
+  uint32_t new_block(std::span<const uint32_t> triangles) {
+    grid_.blocks.push_back(make_block<BoundBlock>(triangles));
+    return static_cast<uint32_t>(grid_.blocks.size() - 1);
+  }
+
+  // Blocks with these triangles, and perhaps others. False: there are too many, or no room for more blocks.
+  bool own_blocks(const std::vector<Near>& near, std::vector<uint32_t>& blocks, float& slack) {
+    if (triangle_count(near) > kOwnBlocksOfCell * kBlockLanes) return false;
+    std::vector<uint32_t> triangles;
+    for (const Near& n : near)
+      for (uint32_t lanes = n.lanes; lanes != 0; lanes &= lanes - 1)
+        triangles.push_back(triangles_of(n.block)[static_cast<size_t>(std::countr_zero(lanes))]);
+    for (size_t first = 0; first < triangles.size(); first += kBlockLanes) {
+      const size_t count = std::min(kBlockLanes, triangles.size() - first);
+      const OwnBlock* const own = own_block({triangles.begin() + static_cast<std::ptrdiff_t>(first),
+                                             triangles.begin() + static_cast<std::ptrdiff_t>(first + count)});
+      if (own == nullptr) return false;
+      blocks.push_back(own->block);
+      slack = std::max(slack, own->slack);
+    }
+    return true;
+  }
+
+  const OwnBlock* own_block(std::vector<uint32_t> triangles) {
+    std::sort(triangles.begin(), triangles.end());
+    float slack = 0.0f;
+    for (const uint32_t triangle : triangles) slack = std::max(slack, static_cast<float>(deviation(triangle)));
+    slack += kBlockRounding;
+    const std::vector<uint32_t>& candidates = blocks_with_[triangles.front()];
+    for (size_t tries = 0; tries < std::min(kSharingTries, candidates.size()); ++tries) {
+      const OwnBlock& own = own_blocks_[candidates[candidates.size() - 1 - tries]];
+      if (own.slack <= kSharingSlack * slack &&
+          std::includes(own.triangles.begin(), own.triangles.end(), triangles.begin(), triangles.end()))
+        return &own;
+    }
+    if (own_blocks_.size() >= own_blocks_max_) return nullptr;
+    const auto number = static_cast<uint32_t>(own_blocks_.size());
+    for (const uint32_t triangle : triangles) blocks_with_[triangle].push_back(number);
+    const uint32_t block = new_block(triangles);
+    own_blocks_.push_back({std::move(triangles), slack, block});
+    return &own_blocks_.back();
   }
 
   const FacetLevels& facets_;
   const int dimension_;
-  std::vector<double> deviation_;  // by block
-  std::vector<std::vector<uint32_t>> level_blocks_;
-  std::map<std::vector<uint32_t>, uint32_t> lists_;  // blocks, ascending, to where the list begins
+  std::vector<Neighbours> neighbours_;
+  std::vector<std::vector<uint32_t>> level_blocks_;  // of neighbours
+  std::map<std::vector<uint32_t>, uint32_t> lists_;  // blocks, ascending, to their list
+  std::vector<OwnBlock> own_blocks_;
+  std::vector<std::vector<uint32_t>> blocks_with_;  // own blocks, by triangle
+  size_t own_blocks_max_ = 0;
+  std::vector<BlockLanes> squared_;  // of the blocks that are looked at
   const GridLattice* lattice_ = nullptr;
   std::deque<Task> tasks_;
   uint64_t evaluations_left_ = 0;

@@ -13,37 +13,33 @@ HWY_BEFORE_NAMESPACE();
 namespace barycast::HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
-// Vectors hold one block, or two where they are twice as wide.
-using Tag = hn::CappedTag<float, 2 * kBlockLanes>;
-using BlockTag = hn::CappedTag<float, kBlockLanes>;
+// Vectors hold a block: as many positions at a time.
+using Tag = hn::CappedTag<float, kBlockLanes>;
 using IntTag = hn::RebindToSigned<Tag>;
 using Floats = hn::Vec<Tag>;
 using Ints = hn::Vec<IntTag>;
 constexpr Tag kTag;
-[[maybe_unused]] constexpr BlockTag kBlockTag;
 constexpr IntTag kIntTag;
-constexpr size_t kWidth = hn::MaxLanes(kTag);
-constexpr size_t kBlocksPerVector = kWidth / kBlockLanes;
+constexpr size_t kWidth = kBlockLanes;
+static_assert(hn::MaxLanes(kTag) == kWidth);
 
 struct Point {
   Floats x, y, z;
 };
 
-// The blocks that are looked at together.
-struct Blocks {
-  const TriangleBlock *low, *high;
-  HWY_INLINE Floats row(size_t r) const {
-#if HWY_TARGET == HWY_AVX2
-    return hn::Load(kTag, low->row[r].data());
-#else
-    return hn::Combine(kTag, hn::Load(kBlockTag, high->row[r].data()), hn::Load(kBlockTag, low->row[r].data()));
-#endif
-  }
-};
+HWY_INLINE Point point_of(const std::array<float, 3>& p) {
+  return {hn::Set(kTag, p[0]), hn::Set(kTag, p[1]), hn::Set(kTag, p[2])};
+}
 
-HWY_INLINE Floats linear(const Blocks& blocks, size_t row, const Point& p) {
-  return hn::MulAdd(p.x, blocks.row(row),
-                    hn::MulAdd(p.y, blocks.row(row + 1), hn::MulAdd(p.z, blocks.row(row + 2), blocks.row(row + 3))));
+template <class Block>
+HWY_INLINE Floats row(const Block& block, size_t r) {
+  return hn::Load(kTag, block.row[r].data());
+}
+
+template <class Block>
+HWY_INLINE Floats linear(const Block& block, size_t r, const Point& p) {
+  return hn::MulAdd(p.x, row(block, r),
+                    hn::MulAdd(p.y, row(block, r + 1), hn::MulAdd(p.z, row(block, r + 2), row(block, r + 3))));
 }
 
 HWY_INLINE Floats beyond(Floats along, Floats length) {
@@ -51,21 +47,22 @@ HWY_INLINE Floats beyond(Floats along, Floats length) {
 }
 
 // Squared distances to the triangles.
-HWY_INLINE Floats squared(const Blocks& blocks, const Point& p) {
-  using B = TriangleBlock;
-  const Floats along = linear(blocks, B::kAlong, p), inward = linear(blocks, B::kInward, p),
-               normal = linear(blocks, B::kNormal, p), length = blocks.row(B::kLength);
+HWY_INLINE Floats distance(const DistanceBlock& block, const Point& p) {
+  using B = DistanceBlock;
+  const auto at = [&](size_t r) { return row(block, r); };
+  const Floats along = linear(block, B::kAlong, p), inward = linear(block, B::kInward, p),
+               normal = linear(block, B::kNormal, p), length = at(B::kLength);
 
   const Floats over0 = beyond(along, length);
   const Floats edge0 = hn::MulAdd(over0, over0, hn::Mul(inward, inward));
 
-  const Floats from = hn::Sub(along, length), x1 = blocks.row(B::kSecond), y1 = blocks.row(B::kSecond + 1);
-  const Floats over1 = beyond(hn::MulAdd(from, x1, hn::Mul(inward, y1)), blocks.row(B::kSecond + 2));
+  const Floats from = hn::Sub(along, length), x1 = at(B::kSecond), y1 = at(B::kSecond + 1);
+  const Floats over1 = beyond(hn::MulAdd(from, x1, hn::Mul(inward, y1)), at(B::kSecond + 2));
   const Floats left1 = hn::MulSub(inward, x1, hn::Mul(from, y1));
   const Floats edge1 = hn::MulAdd(over1, over1, hn::Mul(left1, left1));
 
-  const Floats x2 = blocks.row(B::kThird), y2 = blocks.row(B::kThird + 1);
-  const Floats over2 = beyond(hn::MulAdd(along, x2, hn::Mul(inward, y2)), blocks.row(B::kThird + 2));
+  const Floats x2 = at(B::kThird), y2 = at(B::kThird + 1);
+  const Floats over2 = beyond(hn::MulAdd(along, x2, hn::Mul(inward, y2)), at(B::kThird + 2));
   const Floats right2 = hn::MulSub(along, y2, hn::Mul(inward, x2));
   const Floats edge2 = hn::MulAdd(over2, over2, hn::Mul(right2, right2));
 
@@ -74,29 +71,29 @@ HWY_INLINE Floats squared(const Blocks& blocks, const Point& p) {
   return hn::MulAdd(normal, normal, in_plane);
 }
 
+// Their squared bounds.
+HWY_INLINE Floats bound(const BoundBlock& block, const Point& p) {
+  using B = BoundBlock;
+  const Floats normal = linear(block, B::kNormal, p), inside0 = linear(block, B::kInside, p),
+               inside1 = linear(block, B::kInside + 4, p), inside2 = linear(block, B::kInside + 8, p);
+  const Floats outside = hn::Min(hn::Min(hn::Zero(kTag), inside0), hn::Min(inside1, inside2));
+  return hn::MulAdd(normal, normal, hn::Mul(outside, outside));
+}
+
 // The least lane of every vector, in order: lane i of the result is that of row[i].
 HWY_INLINE Floats least_of_rows(const Floats (&row)[kWidth]) {
   const hn::RepartitionToWide<Tag> wide;
-  Floats quads[kWidth / 4];  // by 128 bits: of four rows, the least of the four lanes there
-  for (size_t q = 0; q < kWidth / 4; ++q) {
-    const auto pair = [&](size_t i) {
-      return hn::Min(hn::InterleaveLower(kTag, row[i], row[i + 1]), hn::InterleaveUpper(kTag, row[i], row[i + 1]));
-    };
-    const auto a = hn::BitCast(wide, pair(4 * q)), b = hn::BitCast(wide, pair(4 * q + 2));
-    quads[q] =
-        hn::Min(hn::BitCast(kTag, hn::InterleaveLower(wide, a, b)), hn::BitCast(kTag, hn::InterleaveUpper(wide, a, b)));
-  }
-  // Of neighbouring 128 bits: those of `even` into even places, those of `odd` into odd ones.
-  const auto fold = [](Floats even, Floats odd) {
-    return hn::Min(hn::OddEvenBlocks(hn::SwapAdjacentBlocks(odd), even),
-                   hn::OddEvenBlocks(odd, hn::SwapAdjacentBlocks(even)));
+  const auto pair = [&](size_t i) {
+    return hn::Min(hn::InterleaveLower(kTag, row[i], row[i + 1]), hn::InterleaveUpper(kTag, row[i], row[i + 1]));
   };
-#if HWY_TARGET == HWY_AVX2
-  return fold(quads[0], quads[1]);
-#else
-  const Floats low = fold(quads[0], quads[1]), high = fold(quads[2], quads[3]);
+  // By 128 bits: of four rows, the least of the four lanes there.
+  const auto quad = [&](size_t i) {
+    const auto a = hn::BitCast(wide, pair(i)), b = hn::BitCast(wide, pair(i + 2));
+    return hn::Min(hn::BitCast(kTag, hn::InterleaveLower(wide, a, b)),
+                   hn::BitCast(kTag, hn::InterleaveUpper(wide, a, b)));
+  };
+  const Floats low = quad(0), high = quad(4);
   return hn::Min(hn::ConcatLowerLower(kTag, high, low), hn::ConcatUpperUpper(kTag, high, low));
-#endif
 }
 
 // Indices of cells in the table, and which positions are in the lattice.
@@ -116,14 +113,12 @@ HWY_INLINE hn::Mask<Tag> lookup(const GridLattice& lattice, const Point& p, Ints
   return in;
 }
 
-// Squared distances to the triangles of a list, the least in every lane.
+// Squared bounds of a list, the least of every lane.
 HWY_INLINE Floats least_of_list(const GridTables& grid, uint32_t cell, const Point& p) {
-  const uint32_t* block = grid.lists.data() + grid_list_begin(cell);
+  const uint32_t* block = grid.lists.data() + grid_list_begin(cell) + 1;
   const uint32_t* const end = block + grid_list_length(cell);
-  const auto at = [&](size_t k) { return &grid.blocks[block[k]]; };
-  Floats least = squared({at(0), at(kBlocksPerVector - 1)}, p);
-  for (block += kBlocksPerVector; block < end; block += kBlocksPerVector)
-    least = hn::Min(least, squared({at(0), at(kBlocksPerVector - 1)}, p));
+  Floats least = bound(grid.blocks[*block], p);
+  for (++block; block < end; ++block) least = hn::Min(least, bound(grid.blocks[*block], p));
   return least;
 }
 
@@ -159,10 +154,11 @@ void radii(const GridTables& grid, const WalkPositions& at, float* out) {
                               : least_of_list(grid, static_cast<uint32_t>(values[i]),
                                               {hn::Set(kTag, at.x[k]), hn::Set(kTag, at.y[k]), hn::Set(kTag, at.z[k])});
     }
-    const Floats distance = hn::Sqrt(least_of_rows(rows));
+    const Floats nearest = hn::Sqrt(least_of_rows(rows));
     const Ints list = hn::IfThenElseZero(is_listed, hn::ShiftRight<int{kGridLengthBits}>(found));
-    const Floats slack = hn::GatherIndex(kTag, grid.slack.data(), list);
-    const Floats radius = hn::Sub(hn::Mul(distance, hn::Set(kTag, 1.0f - kBlockRelativeRounding)), slack);
+    const Floats slack =
+        hn::BitCast(kTag, hn::GatherIndex(kIntTag, reinterpret_cast<const int32_t*>(grid.lists.data()), list));
+    const Floats radius = hn::Sub(hn::Mul(nearest, hn::Set(kTag, 1.0f - kBlockRelativeRounding)), slack);
     hn::StoreU(hn::Max(hn::Zero(kTag), radius), kTag, out + begin);
     if (hn::AllTrue(kIntTag, is_listed)) continue;
     for (size_t i = 0; i < kWidth && begin + i < at.count; ++i)
@@ -172,38 +168,20 @@ void radii(const GridTables& grid, const WalkPositions& at, float* out) {
   }
 }
 
-uint32_t nearest(const GridTables& grid, uint32_t cell, const std::array<float, 3>& point) {
-  const Point p{hn::Set(kTag, point[0]), hn::Set(kTag, point[1]), hn::Set(kTag, point[2])};
-  const uint32_t* const block = grid.lists.data() + grid_list_begin(cell);
-  const uint32_t length = grid_list_length(cell);
-  Floats least = hn::Set(kTag, std::numeric_limits<float>::infinity());
-  Ints place = hn::Zero(kIntTag);  // of the least, in lanes from the beginning of the list
-  for (uint32_t k = 0; k < length; k += kBlocksPerVector) {
-    const Floats distances = squared({&grid.blocks[block[k]], &grid.blocks[block[k + kBlocksPerVector - 1]]}, p);
-    const auto nearer = hn::Lt(distances, least);
-    least = hn::Min(distances, least);
-    place = hn::IfThenElse(hn::RebindMask(kIntTag, nearer), hn::Iota(kIntTag, static_cast<int32_t>(k * kBlockLanes)),
-                           place);
-  }
-  HWY_ALIGN float distance[kWidth];
-  HWY_ALIGN int32_t places[kWidth];
-  hn::Store(least, kTag, distance);
-  hn::Store(place, kIntTag, places);
-  size_t best = 0;
-  for (size_t i = 1; i < kWidth; ++i)
-    if (distance[i] < distance[best] || (distance[i] == distance[best] && places[i] < places[best])) best = i;
-  const auto at = static_cast<uint32_t>(places[best]);
-  return grid.blocks[block[at / kBlockLanes]].triangle[at % kBlockLanes];
+void distances(const DistanceBlock& block, const std::array<float, 3>& point, BlockLanes& out) {
+  hn::StoreU(distance(block, point_of(point)), kTag, out.data());
 }
 
-void distances_squared(const TriangleBlock& block, const std::array<float, 3>& point, TriangleBlock::Lanes& out) {
-  const Floats distances =
-      squared({&block, &block}, {hn::Set(kTag, point[0]), hn::Set(kTag, point[1]), hn::Set(kTag, point[2])});
-#if HWY_TARGET == HWY_AVX2
-  hn::StoreU(distances, kTag, out.data());
-#else
-  hn::StoreU(hn::LowerHalf(kBlockTag, distances), kBlockTag, out.data());
-#endif
+uint32_t below(const BoundBlock& block, const std::array<float, 3>& point, float limit) {
+  std::array<uint8_t, 8> bits{};
+  hn::StoreMaskBits(kTag, hn::Lt(bound(block, point_of(point)), hn::Set(kTag, limit)), bits.data());
+  return bits[0];
+}
+
+uint32_t least(const BoundBlock& block, const std::array<float, 3>& point) {
+  const Floats values = bound(block, point_of(point));
+  const intptr_t lane = hn::FindFirstTrue(kTag, hn::Eq(values, hn::MinOfLanes(kTag, values)));
+  return lane < 0 ? 0 : static_cast<uint32_t>(lane);  // none, of a point that is not a number
 }
 
 }  // namespace barycast::HWY_NAMESPACE
@@ -214,8 +192,9 @@ namespace barycast {
 namespace {
 
 HWY_EXPORT(radii);
-HWY_EXPORT(distances_squared);
-HWY_EXPORT(nearest);
+HWY_EXPORT(distances);
+HWY_EXPORT(below);
+HWY_EXPORT(least);
 
 // The same cell as the vector code finds: the same operations, each rounded.
 bool find(const GridLattice& lattice, const std::array<float, 3>& point, uint32_t& cell) {
@@ -231,13 +210,16 @@ bool find(const GridLattice& lattice, const std::array<float, 3>& point, uint32_
 
 }  // namespace
 
-void block_distances_squared(const TriangleBlock& block, const std::array<float, 3>& point,
-                             TriangleBlock::Lanes& squared) {
-  HWY_DYNAMIC_DISPATCH(distances_squared)(block, point, squared);
+void distances_squared(const DistanceBlock& block, const std::array<float, 3>& point, BlockLanes& squared) {
+  HWY_DYNAMIC_DISPATCH(distances)(block, point, squared);
 }
 
-uint32_t grid_nearest(const GridTables& grid, uint32_t cell, const std::array<float, 3>& point) {
-  return HWY_DYNAMIC_DISPATCH(nearest)(grid, cell, point);
+uint32_t least_bound(const BoundBlock& block, const std::array<float, 3>& point) {
+  return HWY_DYNAMIC_DISPATCH(least)(block, point);
+}
+
+uint32_t bounds_below(const BoundBlock& block, const std::array<float, 3>& point, float limit) {
+  return HWY_DYNAMIC_DISPATCH(below)(block, point, limit);
 }
 
 void grid_radii(const GridTables& grid, const WalkPositions& at, float* radii_out) {

@@ -12,11 +12,12 @@
 namespace barycast {
 
 // Squared distances from one point to the triangles of a block.
-void block_distances_squared(const TriangleBlock& block, const std::array<float, 3>& point,
-                             TriangleBlock::Lanes& squared);
+void distances_squared(const DistanceBlock& block, const std::array<float, 3>& point, BlockLanes& squared);
 
-// The nearest triangle of a cell that has a list; of equally near ones the first in it.
-uint32_t grid_nearest(const GridTables& grid, uint32_t cell, const std::array<float, 3>& point);
+// The lane of the least bound, the first of equal ones.
+uint32_t least_bound(const BoundBlock& block, const std::array<float, 3>& point);
+// A bit for every lane whose squared bound is below `limit`.
+uint32_t bounds_below(const BoundBlock& block, const std::array<float, 3>& point, float limit);
 
 // Radii around the positions that are free of the cage, as DistanceIndex::free_radii says; kNotInGrid for positions in
 // no lattice.

@@ -1,11 +1,13 @@
 #pragma once
 
 // What a distance grid looks up: lattices of cells, and for every cell the blocks of triangles that hold the nearest
-// one to any point in it, or how far all of them are. Plain data, read by the vector code of grid_lanes.h; made by
-// grid_builder.h.
+// one to any point in it, mostly a single one, or how far all of them are. Plain data, read by the vector code of
+// grid_lanes.h; made by grid_builder.h.
 
 #include <array>
+#include <bit>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "query/triangle_block.h"
@@ -26,8 +28,8 @@ struct GridFar {
   float distance;
 };
 
-// The value of a cell: where its list of blocks begins, and its length; or, with the top bit, the index of a GridFar;
-// or kNoCell, where nothing is known.
+// The value of a cell: where its list of blocks begins, and how many they are; or, with the top bit, the index of a
+// GridFar; or kNoCell, where nothing is known.
 inline constexpr uint32_t kGridFarBit = 0x80000000u;
 inline constexpr uint32_t kNoCell = 0xFFFFFFFFu;
 inline constexpr uint32_t kGridLengthBits = 6;
@@ -44,18 +46,19 @@ struct GridTables {
   // The inner one, around the cage, is looked at first; the outer one is coarse and holds all that walks reach.
   GridLattice inner, outer;
   std::vector<uint32_t> cells;
-  std::vector<TriangleBlock> blocks;
-  // Indices of blocks, those of a cell in a row, nearest first. A list of odd length repeats its last block beyond its
-  // end.
+  std::vector<BoundBlock> blocks;
+  // Lists: a float's bits, by how much elements may be nearer than the triangles of the blocks, rounding included; then
+  // indices of blocks, nearest first.
   std::vector<uint32_t> lists;
-  // At the beginning of a list: the elements may be nearer than the triangles of its blocks by this much, rounding
-  // included.
-  std::vector<float> slack;
   std::vector<GridFar> far;
 
+  float slack(uint32_t cell) const { return std::bit_cast<float>(lists[grid_list_begin(cell)]); }
+  std::span<const uint32_t> blocks_of(uint32_t cell) const {
+    return std::span(lists).subspan(grid_list_begin(cell) + 1, grid_list_length(cell));
+  }
   size_t bytes() const {
-    return sizeof(*this) + cells.capacity() * sizeof(uint32_t) + blocks.capacity() * sizeof(TriangleBlock) +
-           lists.capacity() * sizeof(uint32_t) + slack.capacity() * sizeof(float) + far.capacity() * sizeof(GridFar);
+    return sizeof(*this) + cells.capacity() * sizeof(uint32_t) + blocks.capacity() * sizeof(BoundBlock) +
+           lists.capacity() * sizeof(uint32_t) + far.capacity() * sizeof(GridFar);
   }
 };
 

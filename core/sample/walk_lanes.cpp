@@ -6,6 +6,8 @@
 #include <hwy/highway.h>
 
 #include <algorithm>
+#include <array>
+#include <numeric>
 #include <vector>
 
 #include "query/distance_index.h"
@@ -22,49 +24,77 @@ constexpr Tag kTag;
 constexpr BitsTag kBitsTag;
 constexpr size_t kWidth = hn::MaxLanes(kTag);
 
-// Cells of the curve, along an axis, and what they cover: positions beyond go to the outermost.
-constexpr float kCurveCells = 1024.0f, kCurveReach = 0.75f;
+// Vectors of keys.
+constexpr size_t kKeyLanes = 2 * kWalkLanes;
+using KeyTag = hn::CappedTag<int16_t, kKeyLanes>;
+constexpr KeyTag kKeyTag;
+constexpr size_t kKeyWidth = hn::MaxLanes(kKeyTag);
 
-void curve_keys(const float* x, const float* y, const float* z, size_t count, uint32_t* key) {
+// Cells of the curve, along an axis: keys of 15 bits.
+constexpr float kCurveCells = 32.0f;
+
+struct Range {
+  float low, high;
+};
+
+Range range_of(const float* values, size_t count) {
+  Floats low = hn::Set(kTag, values[0]), high = low;
+  for (size_t i = 0; i < count; i += kWidth) {
+    const auto in = hn::FirstN(kTag, count - i);
+    const Floats v = hn::IfThenElse(in, hn::LoadU(kTag, values + i), low);
+    low = hn::Min(low, v);
+    high = hn::IfThenElse(in, hn::Max(high, v), high);
+  }
+  return {hn::GetLane(hn::MinOfLanes(kTag, low)), hn::GetLane(hn::MaxOfLanes(kTag, high))};
+}
+
+// Cells over the cube that holds the walks.
+void curve_keys(const float* x, const float* y, const float* z, size_t count, int16_t* key) {
+  const Range rx = range_of(x, count), ry = range_of(y, count), rz = range_of(z, count);
+  const float extent = std::max({rx.high - rx.low, ry.high - ry.low, rz.high - rz.low});
+  const float scale = extent > 0.0f ? kCurveCells / extent : 0.0f;
   const hn::RebindToSigned<Tag> signed_tag;
-  // Ten bits, each followed by two zeros.
-  const auto spread = [&](const float* coordinate) {
-    const Floats cells = hn::MulAdd(hn::LoadU(kTag, coordinate), hn::Set(kTag, kCurveCells / (2 * kCurveReach)),
-                                    hn::Set(kTag, kCurveCells / 2));
+  const hn::Rebind<int16_t, Tag> half_tag;
+  // Five bits, each followed by two zeros.
+  const auto spread = [&](const float* coordinate, float low) {
+    const Floats cells = hn::Mul(hn::Sub(hn::LoadU(kTag, coordinate), hn::Set(kTag, low)), hn::Set(kTag, scale));
     const Floats inside = hn::Min(hn::Max(cells, hn::Zero(kTag)), hn::Set(kTag, kCurveCells - 1));
     Bits bits = hn::BitCast(kBitsTag, hn::ConvertTo(signed_tag, inside));
     const auto mask = [](uint32_t value) { return hn::Set(kBitsTag, value); };
-    bits = hn::And(hn::Or(bits, hn::ShiftLeft<16>(bits)), mask(0x030000FFu));
-    bits = hn::And(hn::Or(bits, hn::ShiftLeft<8>(bits)), mask(0x0300F00Fu));
-    bits = hn::And(hn::Or(bits, hn::ShiftLeft<4>(bits)), mask(0x030C30C3u));
-    return hn::And(hn::Or(bits, hn::ShiftLeft<2>(bits)), mask(0x09249249u));
+    bits = hn::And(hn::Or(bits, hn::ShiftLeft<8>(bits)), mask(0x100Fu));
+    bits = hn::And(hn::Or(bits, hn::ShiftLeft<4>(bits)), mask(0x10C3u));
+    return hn::And(hn::Or(bits, hn::ShiftLeft<2>(bits)), mask(0x1249u));
   };
   for (size_t i = 0; i < count; i += kWidth) {
-    const Bits bits = hn::Or(hn::ShiftLeft<2>(spread(x + i)), hn::Or(hn::ShiftLeft<1>(spread(y + i)), spread(z + i)));
-    hn::StoreU(bits, kBitsTag, key + i);
+    const Bits bits = hn::Or(hn::ShiftLeft<2>(spread(x + i, rx.low)),
+                             hn::Or(hn::ShiftLeft<1>(spread(y + i, ry.low)), spread(z + i, rz.low)));
+    hn::StoreU(hn::DemoteTo(half_tag, hn::BitCast(signed_tag, bits)), half_tag, key + i);
   }
 }
 
 // Counts the walks before every one of some: before its own vector equal keys come first, after it last.
-void ranks(const uint32_t* key, size_t count, uint32_t* rank) {
-  // Keys have 30 bits: signed comparisons, which are faster, do.
-  const hn::RebindToSigned<Tag> tag;
-  const auto* const keys = reinterpret_cast<const int32_t*>(key);
-  for (size_t begin = 0; begin < count; begin += kWidth) {
-    const auto own = hn::LoadU(tag, keys + begin);
-    const auto index = hn::Iota(tag, static_cast<int32_t>(begin));
-    auto before = hn::Zero(tag);
+void ranks(const int16_t* key, size_t count, uint32_t* rank) {
+  const hn::Rebind<int16_t, Tag> half_tag;
+  const hn::RebindToSigned<Tag> signed_tag;
+  HWY_ALIGN int16_t counts[kKeyWidth];
+  for (size_t begin = 0; begin < count; begin += kKeyWidth) {
+    const auto own = hn::LoadU(kKeyTag, key + begin);
+    const auto index = hn::Iota(kKeyTag, static_cast<int16_t>(begin));
+    auto before = hn::Zero(kKeyTag);
     // A true comparison is -1.
-    const auto add = [&](auto is_before) { before = hn::Sub(before, hn::VecFromMask(tag, is_before)); };
-    const size_t end = std::min(begin + kWidth, count);
-    for (size_t j = 0; j < begin; ++j) add(hn::Not(hn::Lt(own, hn::Set(tag, keys[j]))));
+    const auto add = [&](auto is_before) { before = hn::Sub(before, hn::VecFromMask(kKeyTag, is_before)); };
+    const auto set = [](size_t value) { return hn::Set(kKeyTag, static_cast<int16_t>(value)); };
+    const size_t end = std::min(begin + kKeyWidth, count);
+    for (size_t j = 0; j < begin; ++j) add(hn::Not(hn::Lt(own, hn::Set(kKeyTag, key[j]))));
     for (size_t j = begin; j < end; ++j) {
-      const auto other = hn::Set(tag, keys[j]);
-      const auto earlier = hn::Lt(hn::Set(tag, static_cast<int32_t>(j)), index);
-      add(hn::Or(hn::Lt(other, own), hn::And(hn::Eq(other, own), earlier)));
+      const auto other = hn::Set(kKeyTag, key[j]);
+      add(hn::Or(hn::Lt(other, own), hn::And(hn::Eq(other, own), hn::Lt(set(j), index))));
     }
-    for (size_t j = end; j < count; ++j) add(hn::Lt(hn::Set(tag, keys[j]), own));
-    hn::StoreU(hn::BitCast(kBitsTag, before), kBitsTag, rank + begin);
+    for (size_t j = end; j < count; ++j) add(hn::Lt(hn::Set(kKeyTag, key[j]), own));
+    hn::Store(before, kKeyTag, counts);
+    for (size_t i = 0; i < kKeyWidth; i += kWidth)
+      hn::StoreU(hn::BitCast(kBitsTag, hn::PromoteTo(signed_tag, hn::LoadU(half_tag, counts + i))), kBitsTag,
+                 rank + begin + i);
   }
 }
 
@@ -131,6 +161,13 @@ HWY_INLINE void sine_cosine(Bits bits, Floats& sine, Floats& cosine) {
   cosine = hn::Xor(hn::IfThenElse(odd, near_sine, near_cosine), flip(hn::Add(quarter, hn::Set(kBitsTag, 1u))));
 }
 
+// Writes the values of some lanes, and beyond them what is of no use: the instruction that leaves memory alone there is
+// slow on some processors.
+HWY_INLINE size_t append(Bits values, hn::Mask<BitsTag> mask, uint32_t* to) {
+  hn::StoreU(hn::Compress(values, mask), kBitsTag, to);
+  return hn::CountTrue(kBitsTag, mask);
+}
+
 size_t move(const WalkArrays& walks, const uint32_t* first, const uint32_t* second, size_t count, bool in_space,
             float reach, uint32_t* beyond) {
   const hn::RebindToSigned<Tag> signed_tag;
@@ -141,7 +178,7 @@ size_t move(const WalkArrays& walks, const uint32_t* first, const uint32_t* seco
     const auto far = hn::Gt(squared, hn::Set(kTag, reach * reach));
     if (!hn::AllFalse(kTag, far)) {
       const Bits index = hn::Iota(kBitsTag, static_cast<uint32_t>(i));
-      beyond_count += hn::CompressStore(index, hn::RebindMask(kBitsTag, far), kBitsTag, beyond + beyond_count);
+      beyond_count += append(index, hn::RebindMask(kBitsTag, far), beyond + beyond_count);
     }
     const Floats radius = hn::IfThenZeroElse(far, hn::LoadU(kTag, walks.radius + i));
     Floats sine, cosine;
@@ -169,7 +206,7 @@ size_t arriving(const float* radius, size_t count, float limit, uint32_t* indice
     const auto below = hn::Lt(hn::LoadU(kTag, radius + i), hn::Set(kTag, limit));
     if (hn::AllFalse(kTag, below)) continue;
     const Bits index = hn::Iota(kBitsTag, static_cast<uint32_t>(i));
-    found += hn::CompressStore(index, hn::RebindMask(kBitsTag, below), kBitsTag, indices + found);
+    found += append(index, hn::RebindMask(kBitsTag, below), indices + found);
   }
   while (found > 0 && indices[found - 1] >= count) --found;
   return found;
@@ -208,13 +245,22 @@ HWY_EXPORT(arriving);
 HWY_EXPORT(keep);
 
 // Counting costs the square of the number of walks; beyond, sorting is faster.
-constexpr size_t kCountedMax = 256;
+constexpr size_t kCountedMax = 512;
+constexpr int kDigitBits = 8;
 
-void ranks_by_sorting(const uint32_t* key, size_t count, uint32_t* rank) {
-  std::vector<uint64_t> order(count);
-  for (size_t i = 0; i < count; ++i) order[i] = uint64_t{key[i]} << 32 | i;
-  std::sort(order.begin(), order.end());
-  for (size_t i = 0; i < count; ++i) rank[static_cast<uint32_t>(order[i])] = static_cast<uint32_t>(i);
+// By the lower digit of the keys, then by the upper one; equal keys stay in order.
+void ranks_by_sorting(const int16_t* key, size_t count, uint32_t* rank) {
+  std::vector<uint32_t> order(count), next(count);
+  std::iota(order.begin(), order.end(), 0u);
+  for (int shift = 0; shift < 2 * kDigitBits; shift += kDigitBits) {
+    const auto digit = [&](uint32_t i) { return static_cast<size_t>(key[i] >> shift & ((1 << kDigitBits) - 1)); };
+    std::array<uint32_t, (1 << kDigitBits) + 1> begin{};
+    for (size_t i = 0; i < count; ++i) ++begin[digit(static_cast<uint32_t>(i)) + 1];
+    std::partial_sum(begin.begin(), begin.end(), begin.begin());
+    for (const uint32_t i : order) next[begin[digit(i)]++] = i;
+    std::swap(order, next);
+  }
+  for (size_t i = 0; i < count; ++i) rank[order[i]] = static_cast<uint32_t>(i);
 }
 
 // 2^32 / g and 2^32 / g^2, with g^3 = g + 1; in one dimension g^2 = g + 1.
@@ -223,7 +269,7 @@ constexpr uint32_t kGoldenStep = 0x9E3779B9u;
 
 }  // namespace
 
-void rank_walks(const WalkArrays& walks, size_t count, uint32_t* key, uint32_t* rank) {
+void rank_walks(const WalkArrays& walks, size_t count, int16_t* key, uint32_t* rank) {
   HWY_DYNAMIC_DISPATCH(curve_keys)(walks.x, walks.y, walks.z, count, key);
   if (count > kCountedMax) return ranks_by_sorting(key, count, rank);
   HWY_DYNAMIC_DISPATCH(ranks)(key, count, rank);

@@ -19,9 +19,9 @@ struct WalkArrays {
   uint32_t* hint;  // of the distance engine
 };
 
-// The place of every walk along a space-filling curve [Morton 1966] through the cage's surroundings, from 0; equal ones
-// in the order of the walks. `key` is workspace.
-void rank_walks(const WalkArrays& walks, size_t count, uint32_t* key, uint32_t* rank);
+// The place of every walk along a space-filling curve [Morton 1966] through the cube that holds them, from 0; equal
+// ones in the order of the walks. `key` is workspace; it and `rank` are padded to twice as many lanes.
+void rank_walks(const WalkArrays& walks, size_t count, int16_t* key, uint32_t* rank);
 
 // Numbers i, as 32 bits each: the point rank[i] of an additive lattice [Roberts 2018: the generalized golden ratio], in
 // one or two dimensions, shifted.

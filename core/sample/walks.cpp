@@ -46,6 +46,7 @@ struct HarmonicWalks<D>::Pool {
   std::vector<Group> groups;
   size_t count = 0;
   std::vector<float> x, y, z, radius, weight;
+  std::vector<int16_t> key;
   std::vector<uint32_t> walk, hint, rank, first, second, marked, kept;
 
   WalkArrays arrays() { return {x.data(), y.data(), z.data(), radius.data(), weight.data(), walk.data(), hint.data()}; }
@@ -55,6 +56,7 @@ struct HarmonicWalks<D>::Pool {
     const size_t size = walks + 2 * kWalkLanes;
     for (auto* array : {&x, &y, &z, &radius, &weight}) array->resize(size);
     for (auto* array : {&walk, &hint, &rank, &first, &second, &marked, &kept}) array->resize(size);
+    key.resize(size);
   }
 
   // All walks of a query, at its origin.
@@ -130,7 +132,7 @@ void HarmonicWalks<D>::draw_numbers(Pool& pool) const {
       walks.x += group.begin;
       walks.y += group.begin;
       walks.z += group.begin;
-      rank_walks(walks, group.count, pool.marked.data(), rank);
+      rank_walks(walks, group.count, pool.key.data(), rank);
     }
     const std::array<uint32_t, 4> shift = random.bits(0, group.step);
     lattice_numbers(rank, group.count, D - 1, {shift[0], shift[1]}, first, second);

@@ -57,7 +57,7 @@ struct Variant {
 struct Run {
   std::map<std::string, double> stages;
   double total = 0.0;
-  uint64_t walks = 0, rows = 0, encoded_bytes = 0;
+  uint64_t walks = 0, steps = 0, rows = 0, encoded_bytes = 0;
 };
 
 class Stopwatch {
@@ -132,7 +132,10 @@ void time_estimates(const CageStructures<3>& structures, const QueryInput& queri
       for (size_t i = from; i < to; ++i) projection.project(moments[i], PseudoSamples::kAlways, projected[i]);
     });
     run.stages["solve"] += watch.lap();
-    for (size_t i = 0; i < size; ++i) run.walks += samples[i].counts.started;
+    for (size_t i = 0; i < size; ++i) {
+      run.walks += samples[i].counts.started;
+      run.steps += samples[i].counts.steps;
+    }
   }
 }
 
@@ -190,6 +193,8 @@ nlohmann::ordered_json report(const Job& job, const Variant& variant, const Reso
   };
   const double walk = stage("walk");
   out["walks_per_second"] = walk > 0 ? static_cast<double>(runs[0].walks) / walk : 0.0;
+  out["steps_per_walk"] =
+      runs[0].walks > 0 ? static_cast<double>(runs[0].steps) / static_cast<double>(runs[0].walks) : 0.0;
   for (const char* name : {"build", "walk", "moments", "solve", "smooth_factor", "smooth_solve", "prune", "encode"})
     out["stages"][name] = stage(name);
   const std::vector<double> totals = of([](const Run& run) { return run.total; });

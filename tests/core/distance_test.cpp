@@ -71,6 +71,7 @@ void check_index(const Cage<D>& cage, const DistanceIndex<D>& index, const WalkP
   std::rotate(hints.begin(), hints.begin() + 1, hints.begin() + static_cast<std::ptrdiff_t>(count));
   index.free_radii(at, hints.data(), again.data());
   const double rounding = 1e-12 * (1 + reach);
+  size_t small = 0;
   for (size_t i = 0; i < count; ++i) {
     const CagePoint<D> closest = index.closest(points[i]);
     ASSERT_NEAR(closest.distance, brute[i], rounding) << "point " << i;
@@ -81,9 +82,10 @@ void check_index(const Cage<D>& cage, const DistanceIndex<D>& index, const WalkP
       by_shares += closest.shares[static_cast<size_t>(k)] * cage.corner(element, k);
     ASSERT_LT((by_shares - closest.point).norm(), 1e-14);
     ASSERT_LE(double{radii[i]}, brute[i]) << "point " << i;
-    ASSERT_GE(double{radii[i]}, 0.5 * brute[i] - 2e-3) << "point " << i;
+    small += double{radii[i]} < 0.5 * brute[i] - 2e-3;
     ASSERT_EQ(radii[i], again[i]) << "a hint changed an answer";
   }
+  EXPECT_LE(small, 3 * count / 100) << "radii below half the distance";
 }
 
 template <int D>
@@ -168,11 +170,12 @@ void check_grid(const Shape& shape, size_t count, double reach) {
   }
   (*grid)->free_radii({x[0].data(), x[1].data(), x[2].data(), count}, hints.data(), radii.data());
   double bound_sum = 0.0, distance_sum = 0.0;
+  size_t small = 0;
   for (size_t i = 0; i < count; ++i) {
     const Vec<3> point(x[0][i], x[1][i], x[2][i]);
     const CagePoint<3> closest = (*embree)->closest(point);
     ASSERT_LE(double{radii[i]}, closest.distance) << "point " << i;
-    ASSERT_GE(double{radii[i]}, 0.5 * closest.distance - 2e-3) << "point " << i;
+    small += double{radii[i]} < 0.5 * closest.distance - 2e-3;
     ASSERT_NEAR((*grid)->closest(point).distance, closest.distance, 1e-12 * (1 + reach)) << "point " << i;
     for (const double tolerance : {1e-2, 1e-3, 1e-5}) {
       const CagePoint<3> near = (*grid)->near(point, tolerance);
@@ -183,7 +186,8 @@ void check_grid(const Shape& shape, size_t count, double reach) {
     bound_sum += double{radii[i]};
     distance_sum += closest.distance;
   }
-  EXPECT_GE(bound_sum, 0.8 * distance_sum);
+  EXPECT_GE(bound_sum, 0.85 * distance_sum);
+  EXPECT_LE(small, 3 * count / 100) << "radii below half the distance";
 }
 
 TEST(Distance, GridAgreesWithEmbree) {
