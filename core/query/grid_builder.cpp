@@ -20,8 +20,8 @@ constexpr double kInnerPadding = 0.02;
 constexpr double kOuterReach = kReentryRadius + 0.01;
 constexpr uint32_t kOuterCells = 32;
 // Cells with more triangles than a block holds are cut, or, where everything is this many of their half diagonals away,
-// only know how far it is: their radii are (k - 1) / (k + 1) of the distance at least. Less far is enough where
-// triangles are many.
+// and larger than the smallest, only know how far it is: their radii are (k - 1) / (k + 1) of the distance at least.
+// Less far is enough where triangles are many.
 constexpr size_t kTrianglesMany = 6 * kBlockLanes;
 constexpr double kFar = 8.0, kFarOfMany = 4.0;
 // Facets may deviate by this part of the distance, which the radius then falls short by.
@@ -29,8 +29,8 @@ constexpr double kDetail = 0.025;
 // Evaluations of blocks, of some ten nanoseconds each, for a lattice. Cubes are cut from large to small: where a cage
 // is too dense for it, all cells stay coarse, and list more.
 constexpr uint64_t kEvaluationsMax = 3'000'000;
-// Blocks for cells of their own: at least, and per triangle. Beyond, cells list the blocks of neighbours.
-constexpr size_t kOwnBlocksLeast = 2400, kOwnBlocksPerTriangle = 2;
+// Blocks for cells of their own: at least, and for every four triangles. Beyond, cells list the blocks of neighbours.
+constexpr size_t kOwnBlocksLeast = 400, kOwnBlocksPerFourTriangles = 3;
 constexpr size_t kOwnBlocksOfCell = 3;
 // Blocks with the cell's nearest triangle that are looked at for one that holds all of the cell's. Its slack may be
 // larger by this factor.
@@ -44,6 +44,10 @@ constexpr double kCellMargin = 1.0 + 1e-4;
 
 std::array<float, 3> in_floats(const Vec<3>& x) {
   return {static_cast<float>(x[0]), static_cast<float>(x[1]), static_cast<float>(x[2])};
+}
+
+float rounded_up(double x) {
+  return static_cast<float>(x * (1 + 1e-7));
 }
 
 // A block near a cell, its distance from the cell's centre, and which of its triangles may be nearest in the cell.
@@ -75,9 +79,9 @@ class Builder {
     low.array() -= kInnerPadding;
     high.array() += kInnerPadding;
     const size_t triangles = facets_.levels.front().triangle_count;
-    own_blocks_max_ = kOwnBlocksLeast + kOwnBlocksPerTriangle * triangles;
+    own_blocks_max_ = kOwnBlocksLeast + kOwnBlocksPerFourTriangles * triangles / 4;
     blocks_with_.resize(facets_.triangles.size());
-    uint32_t cells = triangles <= 32 ? 32 : triangles <= 1024 ? 64 : 128;
+    uint32_t cells = triangles <= 32 ? 32 : triangles <= 1024 ? 64 : 112;
     if (dimension_ == 2) cells *= 2;
     grid_.inner = lattice(low, high, cells);
     grid_.outer = lattice(Vec<3>::Constant(-kOuterReach), Vec<3>::Constant(kOuterReach), kOuterCells);
@@ -99,8 +103,9 @@ class Builder {
   };
   struct OwnBlock {
     std::vector<uint32_t> triangles;  // ascending
+    uint64_t signature;
     float slack;
-    uint32_t block;
+    uint32_t block, list;  // in the grid; the list is of this block alone
   };
 
   struct Cube {
@@ -220,7 +225,8 @@ class Builder {
       if (finest || detailed(near, half)) {
         const size_t triangles = triangle_count(near);
         if (triangles <= kBlockLanes) return set(cube, listed(near));
-        if (least_distance(near) > (triangles > kTrianglesMany ? kFarOfMany : kFar) * half)
+        const bool many = triangles > kTrianglesMany;
+        if ((cube.size > 1 || many) && least_distance(near) > (many ? kFarOfMany : kFar) * half)
           return set(cube, far(centre, near));
       }
       if (!finest && deviation_min(near) > kDetail * (near.front().distance + half)) continue;  // for all of the cube
@@ -244,22 +250,23 @@ class Builder {
     const std::array<float, 3> point = in_floats(centre);
     std::vector<Near> result;
     result.reserve(blocks.size());
-    squared_.resize(std::max(squared_.size(), blocks.size()));
     double least = std::numeric_limits<double>::infinity();
-    for (size_t i = 0; i < blocks.size(); ++i) {
-      const Neighbours& block = neighbours_[blocks[i]];
-      distances_squared(block.distances, point, squared_[i]);
-      const double distance = std::sqrt(static_cast<double>(*std::min_element(squared_[i].begin(), squared_[i].end())));
-      result.push_back({blocks[i], distance, 0});
+    const auto bound_of = [half](double distance) {
+      return (distance + 2 * half) * (1 + 2 * double{kBlockRelativeRounding}) + 4 * double{kBlockRounding};
+    };
+    for (const uint32_t number : blocks) {
+      const Neighbours& block = neighbours_[number];
+      const double distance = double{nearest_distance(block.distances, point)};
+      if (distance - block.deviation > bound_of(least)) continue;  // which only falls
+      result.push_back({number, distance, 0});
       least = std::min(least, distance + block.deviation);
     }
-    const double bound = (least + 2 * half) * (1 + 2 * double{kBlockRelativeRounding}) + 4 * double{kBlockRounding};
-    for (size_t i = 0; i < blocks.size(); ++i) {
-      const Neighbours& block = neighbours_[blocks[i]];
-      const double reach = bound + block.deviation;
-      if (result[i].distance > reach) continue;
-      for (uint32_t lane = 0; lane < block.count; ++lane)
-        if (static_cast<double>(squared_[i][lane]) <= reach * reach) result[i].lanes |= 1u << lane;
+    const double bound = bound_of(least);
+    for (Near& n : result) {
+      const Neighbours& block = neighbours_[n.block];
+      if (n.distance - block.deviation > bound) continue;
+      n.lanes =
+          distances_within(block.distances, point, rounded_up(bound + block.deviation)) & ((1u << block.count) - 1);
     }
     std::erase_if(result, [](const Near& n) { return n.lanes == 0; });
     std::sort(result.begin(), result.end(), [](const Near& a, const Near& b) {
@@ -311,24 +318,43 @@ class Builder {
   uint32_t listed(const std::vector<Near>& near) {
     std::vector<uint32_t> blocks;
     float slack = 0.0f;
-    if (!own_blocks(near, blocks, slack)) {
-      if (near.size() > kGridLengthMax || grid_.lists.size() > kListedMax) return kNoCell;
-      blocks.clear();
-      for (const Near& n : near) {
-        uint32_t& block = neighbours_[n.block].bounds;
-        if (block == kNoBlock) block = new_block(triangles_of(n.block));
-        blocks.push_back(block);
-      }
-      slack = static_cast<float>(deviation_of(near)) + kBlockRounding;
+    if (triangle_count(near) <= kBlockLanes) {
+      triangles_.clear();
+      append_triangles(near, triangles_);
+      if (const OwnBlock* const own = own_block(triangles_)) return own->list;
+    } else if (own_blocks(near, blocks, slack)) {
+      return list_of(blocks, slack);
     }
+    if (near.size() > kGridLengthMax || grid_.lists.size() > kListedMax) return kNoCell;
+    blocks.clear();
+    for (const Near& n : near) {
+      uint32_t& block = neighbours_[n.block].bounds;
+      if (block == kNoBlock) block = new_block(triangles_of(n.block));
+      blocks.push_back(block);
+    }
+    return list_of(blocks, static_cast<float>(deviation_of(near)) + kBlockRounding);
+  }
+
+  void append_triangles(const std::vector<Near>& near, std::vector<uint32_t>& triangles) const {
+    for (const Near& n : near)
+      for (uint32_t lanes = n.lanes; lanes != 0; lanes &= lanes - 1)
+        triangles.push_back(triangles_of(n.block)[static_cast<size_t>(std::countr_zero(lanes))]);
+  }
+
+  // The same for the same blocks, whatever their order.
+  uint32_t list_of(const std::vector<uint32_t>& blocks, float slack) {
     std::vector<uint32_t> key = blocks;
     std::sort(key.begin(), key.end());
-    const auto [at, is_new] = lists_.try_emplace(std::move(key), static_cast<uint32_t>(grid_.lists.size()));
-    if (is_new) {
-      grid_.lists.push_back(std::bit_cast<uint32_t>(slack));
-      grid_.lists.insert(grid_.lists.end(), blocks.begin(), blocks.end());
-    }
-    return at->second << kGridLengthBits | static_cast<uint32_t>(blocks.size());
+    const auto [at, is_new] = lists_.try_emplace(std::move(key), 0);
+    if (is_new) at->second = new_list(blocks, slack);
+    return at->second;
+  }
+
+  uint32_t new_list(std::span<const uint32_t> blocks, float slack) {
+    const auto begin = static_cast<uint32_t>(grid_.lists.size());
+    grid_.lists.push_back(std::bit_cast<uint32_t>(slack));
+    grid_.lists.insert(grid_.lists.end(), blocks.begin(), blocks.end());
+    return begin << kGridLengthBits | static_cast<uint32_t>(blocks.size());
   }
 
   std::span<const uint32_t> triangles_of(uint32_t neighbours) const {
@@ -344,13 +370,10 @@ class Builder {
   bool own_blocks(const std::vector<Near>& near, std::vector<uint32_t>& blocks, float& slack) {
     if (triangle_count(near) > kOwnBlocksOfCell * kBlockLanes) return false;
     std::vector<uint32_t> triangles;
-    for (const Near& n : near)
-      for (uint32_t lanes = n.lanes; lanes != 0; lanes &= lanes - 1)
-        triangles.push_back(triangles_of(n.block)[static_cast<size_t>(std::countr_zero(lanes))]);
+    append_triangles(near, triangles);
     for (size_t first = 0; first < triangles.size(); first += kBlockLanes) {
-      const size_t count = std::min(kBlockLanes, triangles.size() - first);
-      const OwnBlock* const own = own_block({triangles.begin() + static_cast<std::ptrdiff_t>(first),
-                                             triangles.begin() + static_cast<std::ptrdiff_t>(first + count)});
+      const OwnBlock* const own =
+          own_block(std::span(triangles).subspan(first, std::min(kBlockLanes, triangles.size() - first)));
       if (own == nullptr) return false;
       blocks.push_back(own->block);
       slack = std::max(slack, own->slack);
@@ -358,15 +381,24 @@ class Builder {
     return true;
   }
 
-  const OwnBlock* own_block(std::vector<uint32_t> triangles) {
+  // A bit for every triangle, the same for some: sets that hold others have all of their bits.
+  static uint64_t signature(std::span<const uint32_t> triangles) {
+    uint64_t bits = 0;
+    for (const uint32_t triangle : triangles) bits |= uint64_t{1} << (triangle % 64);
+    return bits;
+  }
+
+  // Sorts the triangles. None: there is no room for more blocks.
+  const OwnBlock* own_block(std::span<uint32_t> triangles) {
     std::sort(triangles.begin(), triangles.end());
     float slack = 0.0f;
     for (const uint32_t triangle : triangles) slack = std::max(slack, static_cast<float>(deviation(triangle)));
     slack += kBlockRounding;
+    const uint64_t bits = signature(triangles);
     const std::vector<uint32_t>& candidates = blocks_with_[triangles.front()];
     for (size_t tries = 0; tries < std::min(kSharingTries, candidates.size()); ++tries) {
       const OwnBlock& own = own_blocks_[candidates[candidates.size() - 1 - tries]];
-      if (own.slack <= kSharingSlack * slack &&
+      if ((bits & ~own.signature) == 0 && own.slack <= kSharingSlack * slack &&
           std::includes(own.triangles.begin(), own.triangles.end(), triangles.begin(), triangles.end()))
         return &own;
     }
@@ -374,7 +406,8 @@ class Builder {
     const auto number = static_cast<uint32_t>(own_blocks_.size());
     for (const uint32_t triangle : triangles) blocks_with_[triangle].push_back(number);
     const uint32_t block = new_block(triangles);
-    own_blocks_.push_back({std::move(triangles), slack, block});
+    const uint32_t list = new_list(std::array{block}, slack);
+    own_blocks_.push_back({{triangles.begin(), triangles.end()}, bits, slack, block, list});
     return &own_blocks_.back();
   }
 
@@ -383,10 +416,10 @@ class Builder {
   std::vector<Neighbours> neighbours_;
   std::vector<std::vector<uint32_t>> level_blocks_;  // of neighbours
   std::map<std::vector<uint32_t>, uint32_t> lists_;  // blocks, ascending, to their list
+  std::vector<uint32_t> triangles_;                  // of the cell at hand
   std::vector<OwnBlock> own_blocks_;
   std::vector<std::vector<uint32_t>> blocks_with_;  // own blocks, by triangle
   size_t own_blocks_max_ = 0;
-  std::vector<BlockLanes> squared_;  // of the blocks that are looked at
   const GridLattice* lattice_ = nullptr;
   std::deque<Task> tasks_;
   uint64_t evaluations_left_ = 0;

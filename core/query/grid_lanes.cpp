@@ -168,14 +168,22 @@ void radii(const GridTables& grid, const WalkPositions& at, float* out) {
   }
 }
 
-void distances(const DistanceBlock& block, const std::array<float, 3>& point, BlockLanes& out) {
-  hn::StoreU(distance(block, point_of(point)), kTag, out.data());
+float least_of_distances(const DistanceBlock& block, const std::array<float, 3>& point) {
+  return std::sqrt(hn::GetLane(hn::MinOfLanes(kTag, distance(block, point_of(point)))));
+}
+
+uint32_t bits_of(hn::Mask<Tag> mask) {
+  std::array<uint8_t, 8> bits{};
+  hn::StoreMaskBits(kTag, mask, bits.data());
+  return bits[0];
+}
+
+uint32_t within(const DistanceBlock& block, const std::array<float, 3>& point, float limit) {
+  return bits_of(hn::Le(distance(block, point_of(point)), hn::Set(kTag, limit * limit)));
 }
 
 uint32_t below(const BoundBlock& block, const std::array<float, 3>& point, float limit) {
-  std::array<uint8_t, 8> bits{};
-  hn::StoreMaskBits(kTag, hn::Lt(bound(block, point_of(point)), hn::Set(kTag, limit)), bits.data());
-  return bits[0];
+  return bits_of(hn::Lt(bound(block, point_of(point)), hn::Set(kTag, limit)));
 }
 
 uint32_t least(const BoundBlock& block, const std::array<float, 3>& point) {
@@ -192,7 +200,8 @@ namespace barycast {
 namespace {
 
 HWY_EXPORT(radii);
-HWY_EXPORT(distances);
+HWY_EXPORT(least_of_distances);
+HWY_EXPORT(within);
 HWY_EXPORT(below);
 HWY_EXPORT(least);
 
@@ -210,8 +219,12 @@ bool find(const GridLattice& lattice, const std::array<float, 3>& point, uint32_
 
 }  // namespace
 
-void distances_squared(const DistanceBlock& block, const std::array<float, 3>& point, BlockLanes& squared) {
-  HWY_DYNAMIC_DISPATCH(distances)(block, point, squared);
+float nearest_distance(const DistanceBlock& block, const std::array<float, 3>& point) {
+  return HWY_DYNAMIC_DISPATCH(least_of_distances)(block, point);
+}
+
+uint32_t distances_within(const DistanceBlock& block, const std::array<float, 3>& point, float limit) {
+  return HWY_DYNAMIC_DISPATCH(within)(block, point, limit);
 }
 
 uint32_t least_bound(const BoundBlock& block, const std::array<float, 3>& point) {

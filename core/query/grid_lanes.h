@@ -11,8 +11,10 @@
 
 namespace barycast {
 
-// Squared distances from one point to the triangles of a block.
-void distances_squared(const DistanceBlock& block, const std::array<float, 3>& point, BlockLanes& squared);
+// The distance from one point to the nearest triangle of a block, and a bit for every lane whose triangle is no farther
+// than `limit`.
+float nearest_distance(const DistanceBlock& block, const std::array<float, 3>& point);
+uint32_t distances_within(const DistanceBlock& block, const std::array<float, 3>& point, float limit);
 
 // The lane of the least bound, the first of equal ones.
 uint32_t least_bound(const BoundBlock& block, const std::array<float, 3>& point);
