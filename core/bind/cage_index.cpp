@@ -19,7 +19,7 @@ Result<CageIndex::Structures> build(const CageInput& input, DistanceEngine engin
                                                   : make_embree_distance_index<D>(structures->cage);
   if (!distance) return distance.error();
   structures->distance = std::move(distance).value();
-  auto lines = make_embree_line_index<D>(structures->cage);
+  auto lines = make_line_index<D>(structures->cage);
   if (!lines) return lines.error();
   structures->lines = std::move(lines).value();
   structures->winding = std::make_unique<const WindingNumber<D>>(structures->cage);

@@ -1,7 +1,5 @@
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <tuple>
 
 #include "query/embree_device.h"
 #include "query/line_index.h"
@@ -33,22 +31,7 @@ class EmbreeLines final : public LineIndex<D> {
     return Done{};
   }
 
-  void hits(const Line<D>& line, double from, std::vector<LineHit<D>>& out) const override {
-    thread_local std::vector<uint32_t> candidates;
-    out.clear();
-    candidates.clear();
-    propose_candidates(line, from, candidates);
-    std::array<LineHit<D>, 2> found;
-    for (const uint32_t element : candidates) {
-      const int count = meet(line, cage_, element, found);
-      for (int i = 0; i < count; ++i)
-        if (const LineHit<D>& hit = found[static_cast<size_t>(i)]; hit.t > from) out.push_back(hit);
-    }
-    // Equal in both: the two hits of one patch, in the order of its roots.
-    std::stable_sort(out.begin(), out.end(), [](const LineHit<D>& a, const LineHit<D>& b) {
-      return std::tie(a.t, a.element) < std::tie(b.t, b.element);
-    });
-  }
+  std::unique_ptr<LinePencil<D>> pencil() const override { return std::make_unique<Pencil>(*this); }
 
   size_t bytes() const override {
     // Embree's tree of user primitives: about 100 bytes each, and a page or two.
@@ -56,6 +39,25 @@ class EmbreeLines final : public LineIndex<D> {
   }
 
  private:
+  class Pencil final : public LinePencil<D> {
+   public:
+    explicit Pencil(const EmbreeLines& lines) : lines_(lines) {}
+    void set_origin(const Vec<D>& origin) override { origin_ = origin; }
+    void hits(const Vec<D>& direction, double from, std::vector<LineHit<D>>& out) override {
+      const Line<D> line(origin_, direction);
+      out.clear();
+      candidates_.clear();
+      lines_.propose_candidates(line, from, candidates_);
+      for (const uint32_t element : candidates_) append_hits(line, lines_.cage_, element, from, out);
+      sort_hits(out);
+    }
+
+   private:
+    const EmbreeLines& lines_;
+    Vec<D> origin_ = Vec<D>::Zero();
+    std::vector<uint32_t> candidates_;
+  };
+
   static void element_bounds(const RTCBoundsFunctionArguments* args) {
     const Cage<D>& cage = static_cast<const EmbreeLines*>(args->geometryUserPtr)->cage_;
     const Element& element = cage.elements()[args->primID];

@@ -10,7 +10,9 @@
 // doubled or lost. A bilinear patch is met once, or as often as its boundary winds around the line, modulo
 // two; where, is the quadratic of Reshetov [2019] in the images.
 
+#include <algorithm>
 #include <array>
+#include <vector>
 
 #include "base/vector.h"
 #include "cage/cage.h"
@@ -48,6 +50,28 @@ class Line {
 // Writes the hits of an element into `hits` and returns their number: 0 or 1, for a patch up to 2.
 template <int D>
 int meet(const Line<D>& line, const Cage<D>& cage, uint32_t element, std::array<LineHit<D>, 2>& hits);
+
+// Appends the hits of an element with t > from.
+template <int D>
+void append_hits(const Line<D>& line, const Cage<D>& cage, uint32_t element, double from,
+                 std::vector<LineHit<D>>& hits) {
+  std::array<LineHit<D>, 2> found;
+  const int count = meet(line, cage, element, found);
+  for (int i = 0; i < count; ++i)
+    if (const LineHit<D>& hit = found[static_cast<size_t>(i)]; hit.t > from) hits.push_back(hit);
+}
+
+// Ascending in t, at equal t by element; the two hits of one patch that are equal in both stay in the order of its
+// roots. A line has few.
+template <int D>
+void sort_hits(std::vector<LineHit<D>>& hits) {
+  const auto before = [](const LineHit<D>& a, const LineHit<D>& b) {
+    return a.t < b.t || (a.t == b.t && a.element < b.element);
+  };
+  if (hits.size() > 16) return std::stable_sort(hits.begin(), hits.end(), before);
+  for (auto next = hits.begin(); next != hits.end(); ++next)
+    std::rotate(std::upper_bound(hits.begin(), next, *next, before), next, next + 1);
+}
 
 extern template class Line<2>;
 extern template class Line<3>;

@@ -7,20 +7,40 @@
 #include <memory>
 #include <vector>
 
+#include "base/result.h"
 #include "query/line_hits.h"
 
 namespace barycast {
+
+// Lines through one point, for which an engine may prepare itself. Of one thread; refers to its index.
+template <int D>
+class LinePencil {
+ public:
+  virtual ~LinePencil() = default;
+
+  virtual void set_origin(const Vec<D>& origin) = 0;
+
+  // All hits of the line in this direction, of unit length, with t > from, ascending in t, at equal t by element.
+  // Replaces what `out` held.
+  virtual void hits(const Vec<D>& direction, double from, std::vector<LineHit<D>>& out) = 0;
+};
 
 template <int D>
 class LineIndex {
  public:
   virtual ~LineIndex() = default;
 
-  // All hits with t > from, ascending in t, at equal t by element. Replaces what `out` held.
-  virtual void hits(const Line<D>& line, double from, std::vector<LineHit<D>>& out) const = 0;
+  // Has no origin yet.
+  virtual std::unique_ptr<LinePencil<D>> pencil() const = 0;
 
   virtual size_t bytes() const = 0;
 };
+
+// The engine of choice: the sweep for cages of few elements in space, else Embree. The sweep is faster up to about
+// this many.
+inline constexpr size_t kSweptElementsMax = 192;
+template <int D>
+Result<std::unique_ptr<const LineIndex<D>>> make_line_index(const Cage<D>& cage);
 
 // Embree's traversal over the padded boxes of all elements, in both dimensions. Builds in milliseconds.
 // Triangles are user geometry too: Embree's own test works in floats, and of lines aimed at the edges of a
@@ -28,5 +48,8 @@ class LineIndex {
 // Errors: kInternal when Embree fails.
 template <int D>
 Result<std::unique_ptr<const LineIndex<D>>> make_embree_line_index(const Cage<D>& cage);
+
+// All elements for every line, in vectors (sweep_lanes.h); Embree for lines from far away. Errors: the same.
+Result<std::unique_ptr<const LineIndex<3>>> make_line_sweep(const Cage<3>& cage);
 
 }  // namespace barycast

@@ -66,8 +66,8 @@ void RaySamples<D>::add_ray(const Vec<D>& origin, Iterator nearest, Iterator end
 }
 
 template <int D>
-bool RaySamples<D>::sample_lattice(const Vec<D>& origin, const QueryRandom& random, const std::atomic<bool>& cancel,
-                                   SampleSet<D>& out) const {
+bool RaySamples<D>::sample_lattice(LinePencil<D>& lines, const Vec<D>& origin, const QueryRandom& random,
+                                   const std::atomic<bool>& cancel, SampleSet<D>& out) const {
   thread_local std::vector<LineHit<D>> hits;
   const bool outside = origin.squaredNorm() > kEnclosingBall * kEnclosingBall;
   const std::array<double, 2> first = random.pair(0, 0), second = random.pair(0, 1);
@@ -81,8 +81,7 @@ bool RaySamples<D>::sample_lattice(const Vec<D>& origin, const QueryRandom& rand
   for (uint32_t i = 0; i < count; ++i) {
     if (i % 64 == 0 && cancel.load(std::memory_order_relaxed)) return false;
     const double fraction = (i + (outside ? first[0] : 0.5)) / count;
-    const Line<D> line(origin, rotation * cone.direction(fraction, golden_turns(i, shift)));
-    lines_.hits(line, outside ? 0.0 : -kInfinity, hits);
+    lines.hits(rotation * cone.direction(fraction, golden_turns(i, shift)), outside ? 0.0 : -kInfinity, hits);
     const auto forward =
         std::partition_point(hits.begin(), hits.end(), [](const LineHit<D>& hit) { return hit.t < 0; });
     add_ray(origin, forward, hits.end(), out);
@@ -92,14 +91,14 @@ bool RaySamples<D>::sample_lattice(const Vec<D>& origin, const QueryRandom& rand
 }
 
 template <int D>
-bool RaySamples<D>::sample_as_printed(const Vec<D>& origin, const QueryRandom& random, const std::atomic<bool>& cancel,
-                                      SampleSet<D>& out) const {
+bool RaySamples<D>::sample_as_printed(LinePencil<D>& lines, const Vec<D>& origin, const QueryRandom& random,
+                                      const std::atomic<bool>& cancel, SampleSet<D>& out) const {
   thread_local std::vector<LineHit<D>> hits;
   const Cone<D> cone = cone_of_box<D>(origin, box_low_, box_high_);
   for (uint32_t ray = 0; ray < settings_.rays && out.samples.size() < settings_.rays; ++ray) {
     if (ray % 64 == 0 && cancel.load(std::memory_order_relaxed)) return false;
     const std::array<double, 2> numbers = random.pair(ray, 0);
-    lines_.hits(Line<D>(origin, cone.direction(numbers[0], numbers[1])), 0.0, hits);
+    lines.hits(cone.direction(numbers[0], numbers[1]), 0.0, hits);
     add_ray(origin, hits.begin(), hits.end(), out);
     ++out.counts.started;
   }
@@ -109,11 +108,13 @@ bool RaySamples<D>::sample_as_printed(const Vec<D>& origin, const QueryRandom& r
 template <int D>
 bool RaySamples<D>::sample(std::span<const SampleQuery<D>> queries, const std::atomic<bool>& cancel,
                            std::span<SampleSet<D>> out) const {
+  const std::unique_ptr<LinePencil<D>> lines = lines_.pencil();
   for (size_t i = 0; i < queries.size(); ++i) {
     const SampleQuery<D>& query = queries[i];
     out[i].clear();
-    const bool complete = settings_.as_printed ? sample_as_printed(query.origin, query.random, cancel, out[i])
-                                               : sample_lattice(query.origin, query.random, cancel, out[i]);
+    lines->set_origin(query.origin);
+    const bool complete = settings_.as_printed ? sample_as_printed(*lines, query.origin, query.random, cancel, out[i])
+                                               : sample_lattice(*lines, query.origin, query.random, cancel, out[i]);
     if (!complete) return false;
   }
   return true;

@@ -37,10 +37,10 @@ class RaySamples {
               std::span<SampleSet<D>> out) const;
 
  private:
-  bool sample_lattice(const Vec<D>& origin, const QueryRandom& random, const std::atomic<bool>& cancel,
-                      SampleSet<D>& out) const;
-  bool sample_as_printed(const Vec<D>& origin, const QueryRandom& random, const std::atomic<bool>& cancel,
-                         SampleSet<D>& out) const;
+  bool sample_lattice(LinePencil<D>& lines, const Vec<D>& origin, const QueryRandom& random,
+                      const std::atomic<bool>& cancel, SampleSet<D>& out) const;
+  bool sample_as_printed(LinePencil<D>& lines, const Vec<D>& origin, const QueryRandom& random,
+                         const std::atomic<bool>& cancel, SampleSet<D>& out) const;
   template <class Iterator>
   void add_ray(const Vec<D>& origin, Iterator nearest, Iterator end, SampleSet<D>& out) const;
 

@@ -84,6 +84,13 @@ const std::vector<Case>& closed_cages() {
   return cases;
 }
 
+template <int D>
+void hits_of(const LineIndex<D>& lines, const Line<D>& line, double from, std::vector<LineHit<D>>& out) {
+  const std::unique_ptr<LinePencil<D>> pencil = lines.pencil();
+  pencil->set_origin(line.origin());
+  pencil->hits(line.direction(), from, out);
+}
+
 // The line from an origin through a target.
 Line<3> aimed(const Vec<3>& origin, const Vec<3>& target) {
   return {origin, (target - origin).normalized()};
@@ -98,7 +105,7 @@ TEST(Lines, MeetClosedCagesAnEvenNumberOfTimes) {
     for (const Vec<3>& origin : origins(structures.cage))
       for (const Vec<3>& target : targets(structures.cage)) {
         if ((target - origin).norm() < 1e-3) continue;
-        structures.lines->hits(aimed(origin, target), -1e9, hits);
+        hits_of(*structures.lines, aimed(origin, target), -1e9, hits);
         ASSERT_EQ(hits.size() % 2, 0u) << c.name << " from " << origin.transpose() << " at " << target.transpose();
         ++lines;
       }
@@ -121,7 +128,7 @@ TEST(Lines, CountDepthAsTheWindingNumberDoes) {
       const bool inside = structures.winding->inside(origin);
       for (const Vec<3>& target : targets(structures.cage)) {
         const Line<3> line = aimed(origin, target);
-        structures.lines->hits(line, 0.0, hits);
+        hits_of(*structures.lines, line, 0.0, hits);
         ASSERT_EQ(hits.size() % 2 == 1, inside)
             << c.name << " from " << origin.transpose() << " at " << target.transpose();
         for (const LineHit<3>& hit : hits) {
@@ -155,25 +162,29 @@ TEST(Lines, CountDepthAsTheWindingNumberDoes) {
   }
 }
 
-TEST(Lines, AreTheSameWithAndWithoutTheIndex) {
+TEST(Lines, AreTheSameWithEveryEngineAndWithout) {
   std::vector<LineHit<3>> hits;
   std::vector<Case> cases = closed_cages();
   cases.push_back({"open box", testing::open_box()});
   cases.push_back({"soup", testing::soup()});
   const auto directions = testing::random_points(300, 3, -1, 1, 5);
   for (const Case& c : cases) {
-    const auto index = testing::make_index(c.shape);
-    const CageStructures<3>& structures = structures_of(*index);
+    const auto cage_index = testing::make_index(c.shape);
+    const CageStructures<3>& structures = structures_of(*cage_index);
     size_t met = 0;
+    const auto embree = make_embree_line_index<3>(structures.cage), sweep = make_line_sweep(structures.cage);
+    ASSERT_TRUE(embree.ok() && sweep.ok());
     const auto compare = [&](const Line<3>& line, double from) {
-      structures.lines->hits(line, from, hits);
       const auto expected = by_force(structures.cage, line, from);
-      ASSERT_EQ(hits.size(), expected.size()) << c.name;
-      met += hits.size();
-      for (size_t i = 0; i < hits.size(); ++i) {
-        EXPECT_EQ(hits[i].t, expected[i].t);
-        EXPECT_EQ(hits[i].element, expected[i].element);
-        EXPECT_EQ(hits[i].point, expected[i].point);
+      met += expected.size();
+      for (const auto* index : {embree->get(), sweep->get()}) {
+        hits_of(*index, line, from, hits);
+        ASSERT_EQ(hits.size(), expected.size()) << c.name;
+        for (size_t i = 0; i < hits.size(); ++i) {
+          EXPECT_EQ(hits[i].t, expected[i].t);
+          EXPECT_EQ(hits[i].element, expected[i].element);
+          EXPECT_EQ(hits[i].point, expected[i].point);
+        }
       }
     };
     for (const Vec<3>& origin : origins(structures.cage)) {
@@ -196,9 +207,9 @@ TEST(Lines, MeetEdgesOfPolygonsOnce) {
   for (const Vec<2>& origin : {Vec<2>(0, 0), Vec<2>(0.05, 0.02), Vec<2>(3, 0), Vec<2>(0, -1e5)})
     for (const Vec<2>& vertex : structures.cage.control_vertices()) {
       const Line<2> line(origin, (vertex - origin).normalized());
-      structures.lines->hits(line, -1e9, hits);
+      hits_of(*structures.lines, line, -1e9, hits);
       EXPECT_EQ(hits.size() % 2, 0u);
-      structures.lines->hits(line, 0.0, hits);
+      hits_of(*structures.lines, line, 0.0, hits);
       EXPECT_EQ(hits.size() % 2 == 1, structures.winding->inside(origin));
     }
 }
