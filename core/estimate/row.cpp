@@ -129,35 +129,29 @@ void RowFinisher<D>::evaluate(const Projected<D>& projected, const Vec<D>& x, st
 
 template <int D>
 void RowFinisher<D>::prune(std::vector<RowEntry<D>>& row) const {
-  std::vector<RowEntry<D>> kept, rest;
   Scatter<D> scatter;
   const auto whitened = [&](uint32_t v) { return Vec<D>(whitening_ * cage_.control_vertices()[v]); };
-  for (const RowEntry<D>& entry : row) {
-    if (is_kept(std::abs(entry.value), entry.gradient.norm())) {
-      kept.push_back(entry);
-      scatter.add(whitened(entry.vertex));
-    } else {
-      rest.push_back(entry);
-    }
+  size_t kept = 0;  // to the front, in order
+  for (RowEntry<D>& entry : row) {
+    if (!is_kept(std::abs(entry.value), entry.gradient.norm())) continue;
+    scatter.add(whitened(entry.vertex));
+    std::swap(row[kept++], entry);
   }
-  if (scatter.smallest() < kKeptSpanMin) {
-    std::stable_sort(rest.begin(), rest.end(),
-                     [](const RowEntry<D>& a, const RowEntry<D>& b) { return std::abs(a.value) > std::abs(b.value); });
-    // Below this the order is one of rounding errors, and explicit zeros say as much.
-    const double negligible = 1e-3 * settings_.prune_below;
-    for (auto next = rest.begin();
-         next != rest.end() && std::abs(next->value) > negligible && scatter.smallest() < kKeptSpanMin; ++next) {
-      kept.push_back(*next);
-      scatter.add(whitened(next->vertex));
-    }
-    const bool spans = scatter.smallest() >= kKeptSpanMin;
-    if (!spans)
-      for (const uint32_t v : simplex_)
-        if (std::none_of(kept.begin(), kept.end(), [&](const RowEntry<D>& entry) { return entry.vertex == v; }))
-          kept.push_back({v, 0.0, Vec<D>::Zero()});
-    std::sort(kept.begin(), kept.end(), [](const RowEntry<D>& a, const RowEntry<D>& b) { return a.vertex < b.vertex; });
-  }
-  row.swap(kept);
+  if (scatter.smallest() >= kKeptSpanMin) return row.resize(kept);
+  std::sort(row.begin() + static_cast<std::ptrdiff_t>(kept), row.end(), [](const RowEntry<D>& a, const RowEntry<D>& b) {
+    const double of_a = std::abs(a.value), of_b = std::abs(b.value);
+    return of_a > of_b || (of_a == of_b && a.vertex < b.vertex);
+  });
+  // Below this the order is one of rounding errors, and explicit zeros say as much.
+  const double negligible = 1e-3 * settings_.prune_below;
+  while (kept < row.size() && std::abs(row[kept].value) > negligible && scatter.smallest() < kKeptSpanMin)
+    scatter.add(whitened(row[kept++].vertex));
+  row.resize(kept);
+  if (scatter.smallest() < kKeptSpanMin)
+    for (const uint32_t v : simplex_)
+      if (std::none_of(row.begin(), row.end(), [&](const RowEntry<D>& entry) { return entry.vertex == v; }))
+        row.push_back({v, 0.0, Vec<D>::Zero()});
+  std::sort(row.begin(), row.end(), [](const RowEntry<D>& a, const RowEntry<D>& b) { return a.vertex < b.vertex; });
 }
 
 // Keeps `influences_max` entries, the largest ones but for those that the others need to span space: scanning
@@ -199,7 +193,8 @@ double RowFinisher<D>::correct(const Vec<D>& x, std::vector<RowEntry<D>>& row) c
   const auto vertices = cage_.control_vertices();
   Vec<D> mean = Vec<D>::Zero();
   const auto count = static_cast<double>(row.size());
-  for (const RowEntry<D>& entry : row) mean += vertices[entry.vertex] / count;
+  for (const RowEntry<D>& entry : row) mean += vertices[entry.vertex];
+  mean /= count;
   Mat<D> scatter = Mat<D>::Zero();
   for (const RowEntry<D>& entry : row) {
     const Vec<D> from_mean = vertices[entry.vertex] - mean;
@@ -215,17 +210,18 @@ double RowFinisher<D>::correct(const Vec<D>& x, std::vector<RowEntry<D>>& row) c
       const Vec<D> from_mean = vertices[entry.vertex] - mean;
       sum -= entry.value;
       position -= entry.value * from_mean;
+      if (!settings_.gradients) continue;
       gradient_sum -= entry.gradient;
       jacobian -= entry.gradient * from_mean.transpose();
     }
     if (pass == 2) return (position + sum * mean).norm() / std::max(1.0, x.norm());
     const Vec<D> position_change = solver.solve(position);
+    sum /= count;
+    for (RowEntry<D>& entry : row) entry.value += sum + position_change.dot(vertices[entry.vertex] - mean);
+    if (!settings_.gradients) continue;
     const Mat<D> jacobian_change = solver.solve(jacobian.transpose()).transpose();
-    for (RowEntry<D>& entry : row) {
-      const Vec<D> from_mean = vertices[entry.vertex] - mean;
-      entry.value += sum / count + position_change.dot(from_mean);
-      if (settings_.gradients) entry.gradient += gradient_sum / count + jacobian_change * from_mean;
-    }
+    gradient_sum /= count;
+    for (RowEntry<D>& entry : row) entry.gradient += gradient_sum + jacobian_change * (vertices[entry.vertex] - mean);
   }
 }
 

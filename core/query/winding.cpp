@@ -23,17 +23,37 @@ Vec<3> area_vector(const std::array<Vec<3>, 3>& t) {
   return 0.5 * (t[1] - t[0]).cross(t[2] - t[0]);
 }
 
-// Share of the full angle under which x sees a facet, signed.
-double exact(const std::array<Vec<2>, 2>& s, const Vec<2>& x) {
+// A number whose angle is that under which x sees a segment, or half of that under which it sees a triangle, signed
+// [van Oosterom and Strackee 1983].
+struct Turn {
+  double cosine, sine;  // times a length
+};
+Turn turn(const std::array<Vec<2>, 2>& s, const Vec<2>& x) {
   const Vec<2> a = s[0] - x, b = s[1] - x;
-  return std::atan2(a[0] * b[1] - a[1] * b[0], a.dot(b)) / (2 * std::numbers::pi);
+  return {a.dot(b), a[0] * b[1] - a[1] * b[0]};
 }
-double exact(const std::array<Vec<3>, 3>& t, const Vec<3>& x) {
+Turn turn(const std::array<Vec<3>, 3>& t, const Vec<3>& x) {
   const Vec<3> a = t[0] - x, b = t[1] - x, c = t[2] - x;
   const double la = a.norm(), lb = b.norm(), lc = c.norm();
-  return std::atan2(a.dot(b.cross(c)), la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb) /
-         (2 * std::numbers::pi);
+  return {la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb, a.dot(b.cross(c))};
 }
+
+// The sum of the angles of some turns, over 2 pi: that of their product, and the whole turns that it has lost.
+template <class Facet, class Point>
+double turned(const Facet* begin, const Facet* end, const Point& x) {
+  double cosine = 1.0, sine = 0.0;
+  int whole = 0;
+  for (const Facet* facet = begin; facet != end; ++facet) {
+    const Turn by = turn(*facet, x);
+    const double next = sine * by.cosine + cosine * by.sine;
+    if (sine >= 0 && by.sine >= 0 && next < 0) ++whole;
+    if (sine < 0 && by.sine < 0 && next >= 0) --whole;
+    cosine = cosine * by.cosine - sine * by.sine;
+    sine = next;
+  }
+  return whole + std::atan2(sine, cosine) / (2 * std::numbers::pi);
+}
+
 double dipole_field(const Vec<2>& to_centre, const Vec<2>& dipole) {
   return dipole.dot(to_centre) / (2 * std::numbers::pi * to_centre.squaredNorm());
 }
@@ -107,9 +127,7 @@ double WindingNumber<D>::evaluate(uint32_t index, const Vec<D>& x) const {
   if (to_centre.squaredNorm() > kFarRadii * kFarRadii * node.radius * node.radius)
     return dipole_field(to_centre, node.dipole);
   if (node.left != 0) return evaluate(node.left, x) + evaluate(node.right, x);
-  double sum = 0.0;
-  for (uint32_t i = node.begin; i < node.end; ++i) sum += exact(facets_[i], x);
-  return sum;
+  return turned(facets_.data() + node.begin, facets_.data() + node.end, x);
 }
 
 template class WindingNumber<2>;

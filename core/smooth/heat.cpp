@@ -41,18 +41,14 @@ std::vector<bool> nodes_to_smooth(const MeshLaplacian& laplacian, std::span<cons
   return result;
 }
 
-// Operations of the factorization in the order that it will use, by walking the elimination tree
-// [Davis 2005, LDL]; stops counting beyond the bound.
-double factor_operations(const Sparse& lower) {
-  Eigen::AMDOrdering<int>::PermutationType inverse;
-  Eigen::AMDOrdering<int>()(lower.selfadjointView<Eigen::Lower>(), inverse);
-  Sparse upper(lower.rows(), lower.cols());
-  upper.selfadjointView<Eigen::Upper>() = lower.selfadjointView<Eigen::Lower>().twistedBy(inverse.inverse());
-  const auto size = static_cast<size_t>(lower.rows());
+// Operations of the factorization in this order, by walking the elimination tree [Davis 2005, LDL] of the upper
+// triangle; stops counting beyond the bound.
+double factor_operations(const Sparse& upper) {
+  const auto size = static_cast<size_t>(upper.rows());
   std::vector<int> parent(size, -1), seen(size, -1);
   std::vector<double> below(size, 0.0);
   double operations = 0.0;
-  for (int k = 0; k < lower.cols() && operations <= kFactorOperationsMax; ++k) {
+  for (int k = 0; k < upper.cols() && operations <= kFactorOperationsMax; ++k) {
     seen[static_cast<size_t>(k)] = k;
     for (Sparse::InnerIterator it(upper, k); it; ++it) {
       if (it.row() >= k) continue;  // in no particular order
@@ -91,11 +87,17 @@ Result<HeatKernel> HeatKernel::create(const MeshLaplacian& laplacian, std::span<
   Sparse matrix(size, size);
   // Active nodes were renumbered in order, so the lower triangle stays the lower triangle.
   matrix.setFromTriplets(entries.begin(), entries.end());
-  if (factor_operations(matrix) > kFactorOperationsMax)
+  // In the order that keeps the factor sparse.
+  Eigen::AMDOrdering<int>::PermutationType inverse;
+  Eigen::AMDOrdering<int>()(matrix.selfadjointView<Eigen::Lower>(), inverse);
+  const Eigen::AMDOrdering<int>::PermutationType order = inverse.inverse();
+  Sparse upper(size, size);
+  upper.selfadjointView<Eigen::Upper>() = matrix.selfadjointView<Eigen::Lower>().twistedBy(order);
+  if (factor_operations(upper) > kFactorOperationsMax)
     return Error{
         ErrorCode::kResourceExhausted, "faces",
         "the faces connect the points in no surface-like way, so denoising would take too long and was left out"};
-  const Eigen::SimplicialLDLT<Sparse, Eigen::Lower, Eigen::AMDOrdering<int>> ldlt(matrix);
+  const Eigen::SimplicialLDLT<Sparse, Eigen::Upper, Eigen::NaturalOrdering<int>> ldlt(upper);
   const Eigen::VectorXd pivots = ldlt.vectorD();  // a copy every time it is asked for
   if (ldlt.info() != Eigen::Success || (size > 0 && !(pivots.minCoeff() > 0.0)))
     return Error{ErrorCode::kInternal, "faces", "the smoothing matrix is not positive definite; ask for no denoising"};
@@ -105,7 +107,7 @@ Result<HeatKernel> HeatKernel::create(const MeshLaplacian& laplacian, std::span<
   kernel.node_.resize(active.size());
   kernel.weight_.resize(active.size());
   for (size_t i = 0; i < active.size(); ++i) {
-    const auto row = static_cast<size_t>(ldlt.permutationP().indices()[static_cast<Eigen::Index>(i)]);
+    const auto row = static_cast<size_t>(order.indices()[static_cast<Eigen::Index>(i)]);
     kernel.node_[row] = active[i];
     kernel.weight_[row] = static_cast<float>(weight(active[i]));
   }
