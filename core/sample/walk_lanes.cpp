@@ -24,61 +24,47 @@ constexpr Tag kTag;
 constexpr BitsTag kBitsTag;
 constexpr size_t kWidth = hn::MaxLanes(kTag);
 
-// Vectors of keys.
 constexpr size_t kKeyLanes = 2 * kWalkLanes;
 using KeyTag = hn::CappedTag<int16_t, kKeyLanes>;
 constexpr KeyTag kKeyTag;
 constexpr size_t kKeyWidth = hn::MaxLanes(kKeyTag);
 
-// Cells of the curve, along an axis: keys of 15 bits.
-constexpr float kCurveCells = 32.0f;
+// Cells of the curve, along an axis, and what they cover: positions beyond go to the outermost. The same at every step:
+// over the cube that holds the walks, which changes from step to step, the error of 5,000 walks was a tenth larger.
+constexpr float kCurveCells = 1024.0f, kCurveReach = 0.75f;
 
-struct Range {
-  float low, high;
-};
-
-Range range_of(const float* values, size_t count) {
-  Floats low = hn::Set(kTag, values[0]), high = low;
-  for (size_t i = 0; i < count; i += kWidth) {
-    const auto in = hn::FirstN(kTag, count - i);
-    const Floats v = hn::IfThenElse(in, hn::LoadU(kTag, values + i), low);
-    low = hn::Min(low, v);
-    high = hn::IfThenElse(in, hn::Max(high, v), high);
-  }
-  return {hn::GetLane(hn::MinOfLanes(kTag, low)), hn::GetLane(hn::MaxOfLanes(kTag, high))};
-}
-
-// Cells over the cube that holds the walks.
-void curve_keys(const float* x, const float* y, const float* z, size_t count, int16_t* key) {
-  const Range rx = range_of(x, count), ry = range_of(y, count), rz = range_of(z, count);
-  const float extent = std::max({rx.high - rx.low, ry.high - ry.low, rz.high - rz.low});
-  const float scale = extent > 0.0f ? kCurveCells / extent : 0.0f;
+void curve_keys(const float* x, const float* y, const float* z, size_t count, uint32_t* key) {
   const hn::RebindToSigned<Tag> signed_tag;
-  const hn::Rebind<int16_t, Tag> half_tag;
-  // Five bits, each followed by two zeros.
-  const auto spread = [&](const float* coordinate, float low) {
-    const Floats cells = hn::Mul(hn::Sub(hn::LoadU(kTag, coordinate), hn::Set(kTag, low)), hn::Set(kTag, scale));
+  // Ten bits, each followed by two zeros.
+  const auto spread = [&](const float* coordinate) {
+    const Floats cells = hn::MulAdd(hn::LoadU(kTag, coordinate), hn::Set(kTag, kCurveCells / (2 * kCurveReach)),
+                                    hn::Set(kTag, kCurveCells / 2));
     const Floats inside = hn::Min(hn::Max(cells, hn::Zero(kTag)), hn::Set(kTag, kCurveCells - 1));
     Bits bits = hn::BitCast(kBitsTag, hn::ConvertTo(signed_tag, inside));
     const auto mask = [](uint32_t value) { return hn::Set(kBitsTag, value); };
-    bits = hn::And(hn::Or(bits, hn::ShiftLeft<8>(bits)), mask(0x100Fu));
-    bits = hn::And(hn::Or(bits, hn::ShiftLeft<4>(bits)), mask(0x10C3u));
-    return hn::And(hn::Or(bits, hn::ShiftLeft<2>(bits)), mask(0x1249u));
+    bits = hn::And(hn::Or(bits, hn::ShiftLeft<16>(bits)), mask(0x030000FFu));
+    bits = hn::And(hn::Or(bits, hn::ShiftLeft<8>(bits)), mask(0x0300F00Fu));
+    bits = hn::And(hn::Or(bits, hn::ShiftLeft<4>(bits)), mask(0x030C30C3u));
+    return hn::And(hn::Or(bits, hn::ShiftLeft<2>(bits)), mask(0x09249249u));
   };
   for (size_t i = 0; i < count; i += kWidth) {
-    const Bits bits = hn::Or(hn::ShiftLeft<2>(spread(x + i, rx.low)),
-                             hn::Or(hn::ShiftLeft<1>(spread(y + i, ry.low)), spread(z + i, rz.low)));
-    hn::StoreU(hn::DemoteTo(half_tag, hn::BitCast(signed_tag, bits)), half_tag, key + i);
+    const Bits bits = hn::Or(hn::ShiftLeft<2>(spread(x + i)), hn::Or(hn::ShiftLeft<1>(spread(y + i)), spread(z + i)));
+    hn::StoreU(bits, kBitsTag, key + i);
   }
 }
 
 // Counts the walks before every one of some: before its own vector equal keys come first, after it last.
-void ranks(const int16_t* key, size_t count, uint32_t* rank) {
+void ranks(const uint32_t* fine_key, size_t count, uint32_t* rank) {
   const hn::Rebind<int16_t, Tag> half_tag;
   const hn::RebindToSigned<Tag> signed_tag;
   HWY_ALIGN int16_t counts[kKeyWidth];
+  HWY_ALIGN int16_t key[kWalksCountedMax + kKeyWidth];
+  for (size_t i = 0; i < count; i += kWidth) {
+    const Bits upper = hn::ShiftRight<15>(hn::LoadU(kBitsTag, fine_key + i));
+    hn::Store(hn::DemoteTo(half_tag, hn::BitCast(signed_tag, upper)), half_tag, key + i);
+  }
   for (size_t begin = 0; begin < count; begin += kKeyWidth) {
-    const auto own = hn::LoadU(kKeyTag, key + begin);
+    const auto own = hn::Load(kKeyTag, key + begin);
     const auto index = hn::Iota(kKeyTag, static_cast<int16_t>(begin));
     auto before = hn::Zero(kKeyTag);
     // A true comparison is -1.
@@ -244,18 +230,15 @@ HWY_EXPORT(move);
 HWY_EXPORT(arriving);
 HWY_EXPORT(keep);
 
-// Counting costs the square of the number of walks; beyond, sorting is faster.
-constexpr size_t kCountedMax = 512;
-constexpr int kDigitBits = 8;
-
-// By the lower digit of the keys, then by the upper one; equal keys stay in order.
-void ranks_by_sorting(const int16_t* key, size_t count, uint32_t* rank) {
+// By the digits of the keys, from the lowest on; equal keys stay in order.
+void ranks_by_sorting(const uint32_t* key, size_t count, uint32_t* rank) {
+  constexpr uint32_t kDigitBits = 8, kDigits = 1u << kDigitBits;
   std::vector<uint32_t> order(count), next(count);
   std::iota(order.begin(), order.end(), 0u);
-  for (int shift = 0; shift < 2 * kDigitBits; shift += kDigitBits) {
-    const auto digit = [&](uint32_t i) { return static_cast<size_t>(key[i] >> shift & ((1 << kDigitBits) - 1)); };
-    std::array<uint32_t, (1 << kDigitBits) + 1> begin{};
-    for (size_t i = 0; i < count; ++i) ++begin[digit(static_cast<uint32_t>(i)) + 1];
+  for (uint32_t shift = 0; shift < 32; shift += kDigitBits) {
+    const auto digit = [&](uint32_t i) { return key[i] >> shift & (kDigits - 1); };
+    std::array<uint32_t, kDigits + 1> begin{};
+    for (const uint32_t i : order) ++begin[digit(i) + 1];
     std::partial_sum(begin.begin(), begin.end(), begin.begin());
     for (const uint32_t i : order) next[begin[digit(i)]++] = i;
     std::swap(order, next);
@@ -269,9 +252,9 @@ constexpr uint32_t kGoldenStep = 0x9E3779B9u;
 
 }  // namespace
 
-void rank_walks(const WalkArrays& walks, size_t count, int16_t* key, uint32_t* rank) {
+void rank_walks(const WalkArrays& walks, size_t count, uint32_t* key, uint32_t* rank) {
   HWY_DYNAMIC_DISPATCH(curve_keys)(walks.x, walks.y, walks.z, count, key);
-  if (count > kCountedMax) return ranks_by_sorting(key, count, rank);
+  if (count > kWalksCountedMax) return ranks_by_sorting(key, count, rank);
   HWY_DYNAMIC_DISPATCH(ranks)(key, count, rank);
 }
 

@@ -20,8 +20,11 @@ struct WalkArrays {
 };
 
 // The place of every walk along a space-filling curve [Morton 1966] through the cube that holds them, from 0; equal
-// ones in the order of the walks. `key` is workspace; it and `rank` are padded to twice as many lanes.
-void rank_walks(const WalkArrays& walks, size_t count, int16_t* key, uint32_t* rank);
+// ones in the order of the walks. Of few walks, by counting those before each, which costs the square of their number
+// and is done with keys of 15 bits, two to a lane; of more, by sorting keys of 30 bits. `key` is workspace; it and
+// `rank` are padded to twice as many lanes.
+inline constexpr size_t kWalksCountedMax = 256;
+void rank_walks(const WalkArrays& walks, size_t count, uint32_t* key, uint32_t* rank);
 
 // Numbers i, as 32 bits each: the point rank[i] of an additive lattice [Roberts 2018: the generalized golden ratio], in
 // one or two dimensions, shifted.

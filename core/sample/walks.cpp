@@ -46,8 +46,7 @@ struct HarmonicWalks<D>::Pool {
   std::vector<Group> groups;
   size_t count = 0;
   std::vector<float> x, y, z, radius, weight;
-  std::vector<int16_t> key;
-  std::vector<uint32_t> walk, hint, rank, first, second, marked, kept;
+  std::vector<uint32_t> walk, hint, key, rank, first, second, marked, kept;
 
   WalkArrays arrays() { return {x.data(), y.data(), z.data(), radius.data(), weight.data(), walk.data(), hint.data()}; }
 
@@ -55,8 +54,7 @@ struct HarmonicWalks<D>::Pool {
   Pool(std::span<const SampleQuery<D>> of, std::span<SampleSet<D>> into, size_t walks) : queries(of), out(into) {
     const size_t size = walks + 2 * kWalkLanes;
     for (auto* array : {&x, &y, &z, &radius, &weight}) array->resize(size);
-    for (auto* array : {&walk, &hint, &rank, &first, &second, &marked, &kept}) array->resize(size);
-    key.resize(size);
+    for (auto* array : {&walk, &hint, &key, &rank, &first, &second, &marked, &kept}) array->resize(size);
   }
 
   // All walks of a query, at its origin.
