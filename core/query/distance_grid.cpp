@@ -141,10 +141,15 @@ class DistanceGrid final : public DistanceIndex<D> {
     const Facet& facet = facets_[triangle.facet];
     const Element& element = cage_.elements()[facet.element];
     if constexpr (D == 3) {
+      using Part = FacetTriangle::Part;
+      // Corners in one place: parameters say little.
+      if (element.kind == ElementKind::kQuad && triangle.part == Part::kAll) {
+        const ElementPoint<3> at = closest_on(facet, x);
+        return {std::sqrt(at.distance_squared), facet.element, at.shares, at.point};
+      }
       if (element.kind == ElementKind::kQuad) {
-        // Of a facet's two triangles, the first has its corners 0, 1, 2, the second 0, 2, 3.
-        const bool first = on.triangle == 0 || triangles_[on.triangle - 1].facet != triangle.facet;
         const double both = on.shares.second + on.shares.third;
+        const bool first = triangle.part == Part::kFirst;
         const double u = facet.window.u + facet.window.size * (first ? both : on.shares.second);
         const double v = facet.window.v + facet.window.size * (first ? on.shares.third : both);
         const ElementPoint<3> at = closest_on_patch(x, patch_of(cage_, element), facet.window, u, v);

@@ -30,8 +30,11 @@ void add_patch(const BilinearPatch& patch, uint32_t element, double deviation_ma
     out.facets.push_back({element, window});
     out.deviation.push_back(part.triangle_deviation());
     const auto& c = part.corner;
-    out.triangles.push_back({facet, {c[0], c[1], c[2]}});
-    out.triangles.push_back({facet, {c[0], c[2], c[3]}});
+    // Two corners of a triangle in one place leave it a side of the other one.
+    using Part = FacetTriangle::Part;
+    const bool no_first = c[0] == c[1] || c[1] == c[2], no_second = !no_first && (c[2] == c[3] || c[3] == c[0]);
+    if (!no_first) out.triangles.push_back({facet, no_second ? Part::kAll : Part::kFirst, {c[0], c[1], c[2]}});
+    if (!no_second) out.triangles.push_back({facet, no_first ? Part::kAll : Part::kSecond, {c[0], c[2], c[3]}});
   }
 }
 
@@ -48,7 +51,8 @@ void add_level(const Cage<D>& cage, double deviation_max, FacetLevels& out) {
     }
     const int last = element.corner_count() == 2 ? 0 : 2;  // a segment comes back to its first corner
     const auto corner = [&](int i) { return in_space<D>(cage.corner(element, i)); };
-    out.triangles.push_back({static_cast<uint32_t>(out.facets.size()), {corner(0), corner(1), corner(last)}});
+    out.triangles.push_back(
+        {static_cast<uint32_t>(out.facets.size()), FacetTriangle::Part::kAll, {corner(0), corner(1), corner(last)}});
     out.facets.push_back({e, {}});
     out.deviation.push_back(0.0);
   }

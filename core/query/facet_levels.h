@@ -1,7 +1,8 @@
 #pragma once
 
 // A cage as flat triangles in levels of detail, for engines that work in floats. On every level an element is a facet
-// of one triangle (a segment: one without area), a bilinear patch one or more of two triangles each. From afar coarse
+// of one triangle (a segment: one without area), a bilinear patch one or more of two triangles each, but for those that
+// corners in one place leave without area. From afar coarse
 // facets do; near the cage walks ask for those that follow the patches closely.
 
 #include <array>
@@ -20,6 +21,12 @@ struct Facet {
 
 struct FacetTriangle {
   uint32_t facet;
+  enum class Part : uint8_t {
+    kFirst,
+    kSecond,
+    kAll
+  };          // of a facet of a patch: corners 0, 1, 2, or 0, 2, 3; or either,
+  Part part;  // the other one being without area
   std::array<Vec<3>, 3> corners;
 };
 

@@ -147,21 +147,30 @@ class Builder {
     cut(half, end);
   }
 
-  // Lanes that are left over repeat the first triangle.
-  template <class Block>
-  Block make_block(std::span<const uint32_t> triangles) const {
-    Block block;
-    for (size_t lane = 0; lane < kBlockLanes; ++lane) {
-      const uint32_t triangle = triangles[lane < triangles.size() ? lane : 0];
+  // Calls set(lane, triangle) for every lane of a block; those that are left over repeat the first triangle.
+  template <class Set>
+  static void for_each_lane(std::span<const uint32_t> triangles, const Set& set) {
+    for (size_t lane = 0; lane < kBlockLanes; ++lane) set(lane, triangles[lane < triangles.size() ? lane : 0]);
+  }
+  DistanceBlock distance_block(std::span<const uint32_t> triangles) const {
+    DistanceBlock block;
+    for_each_lane(triangles, [&](size_t lane, uint32_t triangle) {
       set_lane(block, lane, facets_.triangles[triangle].corners, triangle);
-    }
+    });
+    return block;
+  }
+  BoundBlock bound_block(std::span<const uint32_t> triangles) const {
+    BoundBlock block;
+    for_each_lane(triangles, [&](size_t lane, uint32_t triangle) {
+      set_lane(block, lane, facets_.triangles[triangle].corners, triangle, dimension_);
+    });
     return block;
   }
 
   double deviation(uint32_t triangle) const { return facets_.deviation[facets_.triangles[triangle].facet]; }
 
   void add_block(std::span<const uint32_t> triangles) {
-    neighbours_.push_back({.distances = make_block<DistanceBlock>(triangles),
+    neighbours_.push_back({.distances = distance_block(triangles),
                            .count = static_cast<uint32_t>(triangles.size()),
                            .deviation = 0.0,
                            .bounds = kNoBlock});
@@ -316,6 +325,7 @@ class Builder {
   // A list for these triangles: of blocks of their own where few are enough, of the blocks that they are neighbours in
   // otherwise. kNoCell where they are too many.
   uint32_t listed(const std::vector<Near>& near) {
+    if (grid_.lists.size() > kListedMax) return kNoCell;
     std::vector<uint32_t> blocks;
     float slack = 0.0f;
     if (triangle_count(near) <= kBlockLanes) {
@@ -325,7 +335,7 @@ class Builder {
     } else if (own_blocks(near, blocks, slack)) {
       return list_of(blocks, slack);
     }
-    if (near.size() > kGridLengthMax || grid_.lists.size() > kListedMax) return kNoCell;
+    if (near.size() > kGridLengthMax) return kNoCell;
     blocks.clear();
     for (const Near& n : near) {
       uint32_t& block = neighbours_[n.block].bounds;
@@ -362,7 +372,7 @@ class Builder {
   }
 
   uint32_t new_block(std::span<const uint32_t> triangles) {
-    grid_.blocks.push_back(make_block<BoundBlock>(triangles));
+    grid_.blocks.push_back(bound_block(triangles));
     return static_cast<uint32_t>(grid_.blocks.size() - 1);
   }
 

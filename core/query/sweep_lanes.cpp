@@ -14,9 +14,9 @@ using Floats = hn::Vec<Tag>;
 constexpr Tag kTag;
 constexpr size_t kWidth = hn::MaxLanes(kTag);
 
-// Of a product of a normal with a direction, over P (1 + P), P being the distance of the farthest corner: positions are
-// rounded by 3e-7, products by some roundings of their size.
-constexpr float kMargin = 4e-6f;
+// Of a product of a normal with a direction, over (P + kRounded) (1 + P), P being the distance of the farthest corner:
+// positions are rounded by 3e-7, whatever their distance, and products by some roundings of their size.
+constexpr float kMargin = 4e-6f, kRounded = 1e-6f;
 
 constexpr size_t kFrom[6] = {0, 1, 2, 3, 0, 1}, kTo[6] = {1, 2, 3, 0, 2, 3};
 constexpr size_t kTriangleFrom[3] = {0, 1, 2}, kTriangleTo[3] = {1, 2, 0};
@@ -44,7 +44,10 @@ void prepare(const SweepBlock& block, const std::array<float, 3>& point, PencilB
         hn::Store(hn::MulSub(a[i], b[j], hn::Mul(a[j], b[i])), kTag, out.normal[e][k].data() + first);
       }
     }
-    hn::Store(hn::Mul(hn::Set(kTag, kMargin), hn::Add(hn::Sqrt(farthest), farthest)), kTag, out.margin.data() + first);
+    const Floats distance = hn::Sqrt(farthest);
+    hn::Store(hn::Mul(hn::Mul(hn::Set(kTag, kMargin), hn::Add(distance, hn::Set(kTag, kRounded))),
+                      hn::Add(distance, hn::Set(kTag, 1.0f))),
+              kTag, out.margin.data() + first);
   }
 }
 
@@ -73,7 +76,7 @@ uint32_t meets(const SweepBlock& block, const PencilBlock& pencil, const std::ar
       clearly = apart(side(0), side(1), side(2));
     }
     uint8_t bits[8] = {};
-    hn::StoreMaskBits(kTag, hn::Lt(clearly, margin), bits);
+    hn::StoreMaskBits(kTag, hn::Le(clearly, margin), bits);
     result |= static_cast<uint32_t>(bits[0] | bits[1] << 8) << first;
   }
   return result & ((1u << block.count) - 1);

@@ -69,7 +69,7 @@ void set_lane(DistanceBlock& block, size_t lane, const std::array<Vec<3>, 3>& co
   block.triangle[lane] = triangle;
 }
 
-void set_lane(BoundBlock& block, size_t lane, const std::array<Vec<3>, 3>& corners, uint32_t triangle) {
+void set_lane(BoundBlock& block, size_t lane, const std::array<Vec<3>, 3>& corners, uint32_t triangle, int dimension) {
   const Frame frame = frame_of(corners);
   block.triangle[lane] = triangle;
   set_linear(block, BoundBlock::kNormal, lane, frame.normal, frame.origin);
@@ -78,9 +78,9 @@ void set_lane(BoundBlock& block, size_t lane, const std::array<Vec<3>, 3>& corne
   };
   const Vec<3> second = frame.origin + frame.length * frame.along;
   if (frame.flat) {
-    // Between its two ends.
-    set_inside(0, frame.along, frame.origin);
-    set_inside(1, -frame.along, second);
+    const bool in_plane = dimension == 2;
+    set_inside(0, in_plane ? frame.along : frame.inward, frame.origin);
+    set_inside(1, in_plane ? Vec<3>(-frame.along) : Vec<3>(-frame.inward), in_plane ? second : frame.origin);
     set_inside(2, Vec<3>::Zero(), Vec<3>::Zero());
     block.row[BoundBlock::kInside + 11][lane] = static_cast<float>(kFarInside);
     return;

@@ -34,7 +34,8 @@ struct alignas(64) BoundBlock {
 // Put a triangle into a lane. One without area to speak of, or a segment (two corners the same), counts as its longest
 // edge. Corners are in the normalized frame.
 void set_lane(DistanceBlock& block, size_t lane, const std::array<Vec<3>, 3>& corners, uint32_t triangle);
-void set_lane(BoundBlock& block, size_t lane, const std::array<Vec<3>, 3>& corners, uint32_t triangle);
+// In the plane z = 0 (two dimensions) the bound of a segment is its distance; in space, that of its line.
+void set_lane(BoundBlock& block, size_t lane, const std::array<Vec<3>, 3>& corners, uint32_t triangle, int dimension);
 
 // What a distance or bound computed from a block is wrong by at most, for points within two diagonals of the origin:
 // rounding of coordinates, and of the distance itself. Measured against doubles: 4e-7 and 4e-7.

@@ -45,6 +45,7 @@ double turned(const Facet* begin, const Facet* end, const Point& x) {
   int whole = 0;
   for (const Facet* facet = begin; facet != end; ++facet) {
     const Turn by = turn(*facet, x);
+    if (by.cosine == 0 && by.sine == 0) continue;  // x is a corner of it
     const double next = sine * by.cosine + cosine * by.sine;
     if (sine >= 0 && by.sine >= 0 && next < 0) ++whole;
     if (sine < 0 && by.sine < 0 && next >= 0) --whole;

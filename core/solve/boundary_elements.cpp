@@ -60,8 +60,12 @@ size_t BoundarySolver::total() const {
 }
 
 size_t BoundarySolver::solved_bytes(const BoundarySettings& settings, size_t control_vertices) {
-  const size_t columns = settings.moments ? 5 * control_vertices + 6 : control_vertices;
-  return settings.panels * (sizeof(Panel) + 3 * (columns + 16 + 11) * sizeof(double));
+  const auto n = static_cast<Eigen::Index>(control_vertices);
+  // Inside, and with moments both sides; in whole groups each.
+  size_t groups = DensityColumn::groups(n);
+  if (settings.moments) groups += DensityColumn::groups(n) + DensityColumn::groups(3 * n + 6);
+  const size_t per_point = groups * static_cast<size_t>(kDensityGroup) + 11;  // and kernels, and shares
+  return settings.panels * (sizeof(Panel) + 3 * per_point * sizeof(double));
 }
 
 size_t BoundarySolver::bytes(const BoundarySettings& settings, size_t control_vertices) {

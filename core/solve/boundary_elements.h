@@ -15,8 +15,12 @@
 // functions (Galerkin); the matrix is the same for all, symmetric and positive definite for every cage. Near the cage
 // the potential's own error on it, which is known, is taken off, fading over a part of a panel: values approach the
 // basis. The correction follows the one closest point: where that changes values have steps, of some ten-thousandths
-// inside and thousandths outside next to edges, and gradients leave out how its reach varies. In-plane gradients are
-// infinite at edges where densities jump: within a tenth of a panel of one they are off by their own size and more.
+// inside and thousandths outside next to edges, and gradients leave out how its reach varies. Between a twisted patch
+// and its panels inside is continued from the one panel below the point: beside a panel's edges there, steps of up to
+// 0.02 were seen (a sphere of quads twisted by 5 percent; in 95 of 100 places none).
+//
+// In-plane gradients are infinite on the edges of panels, and steep outside and at inward edges of the cage, where
+// densities jump: within a tenth of a panel of one they are off by their own size and more.
 //
 // Deterministic. Cost: 3 unknowns a panel; n^3 / 3 once (0.5 s for 1,000 panels on two cores), then 0.1 to 0.3 ms a
 // point.
@@ -48,7 +52,7 @@ class BoundarySolver {
   // The cage must outlive what comes of it. Errors: kInvalidArgument ("panels": the cage needs more).
   static Result<std::unique_ptr<BoundarySolver>> create(const Cage<3>& cage, const BoundarySettings& settings);
 
-  // In no unit in particular. A cage found to have no inside, see above, may add to the total.
+  // In no unit in particular. A cage found to have no inside, see above, changes the total.
   size_t done() const { return dipoles_done_ + assembled_ + matrix_.columns_done() + solved_ + rows_solved_; }
   size_t total() const;
 

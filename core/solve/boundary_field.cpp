@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "base/tolerances.h"
 #include "query/element_distance.h"
@@ -14,7 +15,7 @@ namespace {
 // The potential's error on the cage alternates from panel to panel and fades off it within a part of their size. A
 // fifth is best: on a box and on FireHydrant less leaves more of it, twice as much brings it to points without.
 constexpr double kBlendPanels = 0.2;
-// What is missing on the cage is taken this close to it, on the query's side: dipoles jump across it.
+// What is missing on the cage is taken this close to it, on the query's side: dipoles jump across panels.
 constexpr double kBesideCage = 1e-9;
 // 1 on the cage, 0 from `width` on, with the derivative.
 struct Fade {
@@ -102,12 +103,16 @@ Vec<3> BoundaryField::just_inside(const CagePoint<3>& y, double blend_width) con
   const bool on_edge =
       std::count_if(y.shares.begin(), y.shares.begin() + corners, [](double s) { return s < 1e-9; }) > 0;
   const double shift = on_edge ? blend_width : kExactGradientShift;
-  // Away from an edge and from both of its faces; at an acute one, closer to this face; and faces may face either way.
+  // A patch may bulge out of the facets that the winding number knows by more than that.
+  if (!on_edge && !densities_.inside.empty()) return y.point + shift * inward;
+  // Away from an edge and from both of its faces; at an acute one, closer to this face; in a thin place, less far; and
+  // faces may face either way.
   const double tilt = on_edge ? 1.0 : 0.0;
-  for (const double rise : {1.0, 0.1, -1.0, -0.1}) {
-    const Vec<3> place = y.point + shift * (tilt * along + rise * inward).normalized();
-    if (winding_.inside(place)) return place;
-  }
+  for (double part = shift; part >= kExactGradientShift; part *= 0.1)
+    for (const double rise : {1.0, 0.1, 0.01, -1.0, -0.1, -0.01}) {
+      const Vec<3> place = y.point + part * (tilt * along + rise * inward).normalized();
+      if (winding_.inside(place)) return place;
+    }
   return y.point + shift * inward;
 }
 
@@ -125,7 +130,9 @@ BoundaryField::Query BoundaryField::prepare(const Vec<3>& x, size_t row) const {
   if (query.on_cage) query.x = just_inside(query.y, width);
   const Vec<3> away = query.x - query.y.point;
   query.beside = query.y.point + std::min(1.0, kBesideCage / away.norm()) * away;
-  const bool enclosed = is_closed_ && winding_.inside(query.x);
+  // On the cage gradients are those of inside; and where all points are, there is nothing else to ask.
+  const bool by_place = densities_.indirect.empty() || (query.on_cage && !densities_.inside.empty());
+  const bool enclosed = by_place || (is_closed_ && winding_.inside(query.x));
   query.inside = enclosed && !densities_.inside.empty();
   query.project = data_.has_moments() && !enclosed;
   return query;
@@ -135,13 +142,41 @@ Eigen::Index BoundaryField::columns_of(const Query& query) const {
   return query.project ? data_.count() : data_.basis_count();
 }
 
-// What the potentials lack at the closest point. Between the panels and a patch that they were cut from, x and its
-// closest point may lie on different sides of a panel, where dipoles differ by what they are there.
-BoundaryData::Row BoundaryField::missing(const Query& query, const Potentials& at_x, const Potentials& at_y,
-                                         Eigen::Index row) const {
+// Between a patch and the panels that were cut from it a point may be inside of the one and outside of the others:
+// there the potentials are those of inside, continued. Across a panel that of dipoles falls by their density, and the
+// outward slope of that of charges by 4 pi times theirs; both are linear on it, and so the continuations exact. `row`
+// of `out` holds the potentials at x, with the gradient in the rows after it.
+void BoundaryField::continue_beyond_panels(const Query& query, const Vec<3>& x, Eigen::Index row, bool gradient,
+                                           Potentials& out) const {
+  if (!query.inside) return;
+  // On a panel, in between.
+  const double enclosed = out.enclosed[row];
+  const double outside = enclosed > 0.75 ? 0.0 : enclosed < 0.25 ? 1.0 : 1 - enclosed;
+  if (outside == 0.0) return;
+  const std::optional<size_t> p = dipoles_.panel_at(kernels_.panels(), query.y);
+  if (!p) return;
+  const Panel& panel = kernels_.panels().panels[*p];
+  const Vec<3> outward = cage_.orientation() * panel.normal;
+  const double height = outward.dot(x - panel.centre), charge_factor = 4 * std::numbers::pi;
+  BoundaryData::Row charges(data_.basis_count());
+  for (size_t k = 0; k < 3; ++k) {
+    const BoundaryData::Row dipoles = dipoles_.at(3 * *p + k);
+    for (Eigen::Index v = 0; v < charges.size(); ++v) {
+      const DensityColumn at(v, data_);
+      charges[v] = charge_factor * densities_.inside[at.group](static_cast<Eigen::Index>(3 * *p + k), at.lane);
+    }
+    const double share = 1 / 3.0 + panel.gradient[k].dot(x - panel.centre);
+    out.columns.row(row) += outside * share * (dipoles + height * charges);
+    for (Eigen::Index i = 0; gradient && i < 3; ++i)
+      out.columns.row(row + 1 + i) +=
+          outside * (panel.gradient[k][i] * (dipoles + height * charges) + share * outward[i] * charges);
+  }
+}
+
+// What the potentials lack at the closest point.
+BoundaryData::Row BoundaryField::missing(const Query& query, const Potentials& at_y, Eigen::Index row) const {
   BoundaryData::Row result(columns_of(query));
   data_.values(query.y.element, query.y.shares, query.y.point, result);
-  result *= 1 + at_y.enclosed[row] - at_x.enclosed[row];
   return result - at_y.columns.row(row).head(result.size());
 }
 
@@ -151,6 +186,7 @@ void BoundaryField::evaluate_with_gradient(const Query& query, SolvedRows<3>& ou
   Potentials at_x, at_y;
   kernels_.fill(query.x, 0, true, kernels);
   multiply(kernels, query.inside, columns, at_x);
+  continue_beyond_panels(query, query.x, 0, true, at_x);
   BoundaryData::Row values = at_x.columns.row(0);
   std::array<BoundaryData::Row, 3> slopes = {at_x.columns.row(1), at_x.columns.row(2), at_x.columns.row(3)};
   const Vec<3> away = query.x - query.y.point;
@@ -158,15 +194,15 @@ void BoundaryField::evaluate_with_gradient(const Query& query, SolvedRows<3>& ou
   if (query.blend_width > distance) {
     kernels_.fill(query.beside, 0, true, kernels);
     multiply(kernels, query.inside, columns, at_y);
+    continue_beyond_panels(query, query.beside, 0, true, at_y);
     std::array<BoundaryData::Row, 3> wanted_slopes;
     Mat<3> tangent;
     data_.gradients(query.y, wanted_slopes, tangent);
     const Fade fade(distance, query.blend_width);
-    const BoundaryData::Row missing_there = missing(query, at_x, at_y, 0);
-    const double same_side = 1 + at_y.enclosed[0] - at_x.enclosed[0];
+    const BoundaryData::Row missing_there = missing(query, at_y, 0);
     values += fade.weight * missing_there;
     for (Eigen::Index k = 0; k < 3; ++k) {
-      BoundaryData::Row along = same_side * wanted_slopes[static_cast<size_t>(k)].head(columns);
+      BoundaryData::Row along = wanted_slopes[static_cast<size_t>(k)].head(columns);
       for (Eigen::Index a = 0; a < 3; ++a) along -= tangent(k, a) * at_y.columns.row(1 + a);
       slopes[static_cast<size_t>(k)] += fade.weight * along + (fade.rate * away[k] / distance) * missing_there;
     }
@@ -198,10 +234,12 @@ void BoundaryField::evaluate_values(std::span<const Query> queries, SolvedRows<3
   }
   for (size_t i = 0; i < queries.size(); ++i) {
     const Query& query = queries[i];
+    continue_beyond_panels(query, query.x, at(i), false, at_x);
     BoundaryData::Row values = at_x.columns.row(at(i));
     if (query.blend_width > 0.0) {
+      continue_beyond_panels(query, query.beside, at(i), false, at_y);
       const Fade fade(query.y.distance, query.blend_width);
-      values += fade.weight * missing(query, at_x, at_y, at(i));
+      values += fade.weight * missing(query, at_y, at(i));
     }
     if (query.project) {
       BoundaryData::Row projected(n);

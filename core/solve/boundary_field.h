@@ -64,7 +64,9 @@ class BoundaryField final : public Solution<3> {
   void multiply(const PanelKernels::Tables& kernels, bool inside, Eigen::Index columns, Potentials& out) const;
   Query prepare(const Vec<3>& x, size_t row) const;
   Eigen::Index columns_of(const Query& query) const;
-  BoundaryData::Row missing(const Query& query, const Potentials& at_x, const Potentials& at_y, Eigen::Index row) const;
+  void continue_beyond_panels(const Query& query, const Vec<3>& x, Eigen::Index row, bool gradient,
+                              Potentials& out) const;
+  BoundaryData::Row missing(const Query& query, const Potentials& at_y, Eigen::Index row) const;
   Vec<3> just_inside(const CagePoint<3>& y, double blend_width) const;
   void set_row(const BoundaryData::Row& values, SolvedRows<3>::Table& table, Eigen::Index row) const;
   void evaluate_with_gradient(const Query& query, SolvedRows<3>& out) const;

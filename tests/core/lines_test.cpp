@@ -59,6 +59,12 @@ std::vector<Vec<3>> origins(const Cage<3>& cage) {
   return result;
 }
 
+Shape tiny() {
+  Shape shape = testing::tetrahedron();
+  for (double& x : shape.vertices) x = 0.3 + 2e-9 * x;
+  return shape;
+}
+
 struct Case {
   const char* name;
   Shape shape;
@@ -167,6 +173,7 @@ TEST(Lines, AreTheSameWithEveryEngineAndWithout) {
   std::vector<Case> cases = closed_cages();
   cases.push_back({"open box", testing::open_box()});
   cases.push_back({"soup", testing::soup()});
+  cases.push_back({"box, and a tetrahedron that floats take for a point", testing::joined(testing::box(), tiny())});
   const auto directions = testing::random_points(300, 3, -1, 1, 5);
   for (const Case& c : cases) {
     const auto cage_index = testing::make_index(c.shape);

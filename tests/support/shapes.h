@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdint>
 #include <numbers>
+#include <utility>
 #include <vector>
 
 #include "cage/cage.h"
@@ -58,6 +59,27 @@ inline Shape joined(const Shape& a, const Shape& b) {
   shape.vertices.insert(shape.vertices.end(), b.vertices.begin(), b.vertices.end());
   for (const uint32_t v : b.triangles) shape.triangles.push_back(first + v);
   for (const uint32_t v : b.quads) shape.quads.push_back(first + v);
+  return shape;
+}
+
+// A closed cage with dihedral angles of some degrees.
+inline Shape flat_tetrahedron() {
+  return {.vertices = {0, 0, 0, 1, 0, 0, 0.5, 1, 0, 0.5, 0.3, 0.03}, .triangles = {0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3}};
+}
+
+// A box whose upper and lower side nearly meet.
+inline Shape thin_box() {
+  Shape shape = box();
+  for (size_t i = 2; i < shape.vertices.size(); i += 3) shape.vertices[i] *= 1e-3;
+  return shape;
+}
+
+// The box of triangles, as quads whose last two corners are one.
+inline Shape collapsed_box() {
+  Shape shape = box();
+  const std::vector<uint32_t> quads = std::exchange(shape.quads, {});
+  for (size_t q = 0; q < quads.size(); q += 4)
+    for (const size_t k : {0u, 1u, 2u, 2u, 0u, 2u, 3u, 3u}) shape.quads.push_back(quads[q + k]);
   return shape;
 }
 
