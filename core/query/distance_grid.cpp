@@ -39,15 +39,16 @@ class DistanceGrid final : public DistanceIndex<D> {
   }
 
   CagePoint<D> near(const Vec<D>& x, double tolerance) const override {
-    const std::array<float, 3> point = in_floats(x);
-    const uint32_t cell = grid_cell(grid_, point);
+    const uint32_t cell = grid_cell(grid_, in_floats(x));
     // The facet of the nearest triangle may be farther than the closest one, by the deviations of both.
     if ((cell & kGridFarBit) != 0 || 2.0 * double{grid_.slack(cell)} > tolerance) return closest(x);
-    OnTriangle best{{}, std::numeric_limits<double>::infinity(), 0};
-    for (const uint32_t block : grid_.blocks_of(cell))
-      propose(grid_.blocks[block], point, 0.0f, best.distance_squared,
-              [&](uint32_t triangle) { decide(triangle, x, best); });
-    return on_facet(x, best);
+    return on_facet(x, nearest_triangle(x, cell));
+  }
+
+  double free_radius(const Vec<D>& x) const override {
+    const uint32_t cell = grid_cell(grid_, in_floats(x));
+    if ((cell & kGridFarBit) != 0) return everywhere_->free_radius(x);
+    return std::max(0.0, std::sqrt(nearest_triangle(x, cell).distance_squared) - double{grid_.slack(cell)});
   }
 
   void free_radii(const WalkPositions& at, uint32_t* /*hints*/, float* radii) const override {
@@ -106,6 +107,15 @@ class DistanceGrid final : public DistanceIndex<D> {
       search.best = candidate;
       search.facet = facet;
     }
+  }
+
+  OnTriangle nearest_triangle(const Vec<D>& x, uint32_t cell) const {
+    const std::array<float, 3> point = in_floats(x);
+    OnTriangle best{{}, std::numeric_limits<double>::infinity(), 0};
+    for (const uint32_t block : grid_.blocks_of(cell))
+      propose(grid_.blocks[block], point, 0.0f, best.distance_squared,
+              [&](uint32_t triangle) { decide(triangle, x, best); });
+    return best;
   }
 
   // At equal distances the lower number.

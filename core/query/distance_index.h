@@ -61,6 +61,10 @@ class DistanceIndex {
   // positions are.
   virtual void free_radii(const WalkPositions& at, uint32_t* hints, float* radii) const = 0;
 
+  // The same for one position, as large as the engine can say: what patches deviate from the triangles that stand for
+  // them is all that it falls short of the distance by.
+  virtual double free_radius(const Vec<D>& x) const = 0;
+
   virtual size_t bytes() const = 0;
 };
 

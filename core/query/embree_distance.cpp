@@ -97,6 +97,8 @@ class EmbreeDistance final : public DistanceIndex<D> {
 
   CagePoint<D> near(const Vec<D>& x, double /*tolerance*/) const override { return closest(x); }
 
+  double free_radius(const Vec<D>& x) const override { return closest(x).distance; }
+
   void free_radii(const WalkPositions& at, uint32_t* hints, float* radii) const override {
     for (size_t i = 0; i < at.count; ++i) {
       const Vec<D> x = position_of<D>(at, i);

@@ -31,6 +31,7 @@ class WrongIndex final : public DistanceIndex<3> {
   void free_radii(const WalkPositions& at, uint32_t* hints, float* radii) const override {
     right_.free_radii(at, hints, radii);
   }
+  double free_radius(const Vec<3>& x) const override { return right_.free_radius(x); }
   size_t bytes() const override { return right_.bytes(); }
 
  private:
