@@ -97,7 +97,9 @@ Result<std::unique_ptr<const LineIndex<3>>> make_line_sweep(const Cage<3>& cage)
 template <int D>
 Result<std::unique_ptr<const LineIndex<D>>> make_line_index(const Cage<D>& cage) {
   if constexpr (D == 3) {
-    if (cage.elements().size() <= kSweptElementsMax) return make_line_sweep(cage);
+    size_t triangles = 0;
+    for (const Element& element : cage.elements()) triangles += element.kind == ElementKind::kQuad ? 2 : 1;
+    if (triangles <= kSweptTrianglesMax) return make_line_sweep(cage);
   }
   return make_embree_line_index<D>(cage);
 }
