@@ -34,8 +34,7 @@ class DistanceGrid final : public DistanceIndex<D> {
       propose(grid_.blocks[block], point, grid_.slack(cell), search.best.distance_squared, [&](uint32_t triangle) {
         if (const uint32_t facet = triangles_[triangle].facet; facet != last) decide(last = facet, search);
       });
-    return {std::sqrt(search.best.distance_squared), facets_[search.facet].element, search.best.shares,
-            search.best.point};
+    return on_cage(facets_[search.facet], search.best);
   }
 
   CagePoint<D> near(const Vec<D>& x, double tolerance) const override {
@@ -54,7 +53,7 @@ class DistanceGrid final : public DistanceIndex<D> {
   void free_radii(const WalkPositions& at, uint32_t* /*hints*/, float* radii) const override {
     grid_radii(grid_, at, radii);
     for (size_t i = 0; i < at.count; ++i) {
-      if (radii[i] == kNotInGrid) radii[i] = rounded_down(everywhere_->closest(position_of<D>(at, i)).distance);
+      if (radii[i] == kNotInGrid) radii[i] = rounded_down(everywhere_->free_radius(position_of<D>(at, i)));
     }
   }
 
@@ -145,33 +144,32 @@ class DistanceGrid final : public DistanceIndex<D> {
     }
   }
 
+  static CagePoint<D> on_cage(const Facet& facet, const ElementPoint<D>& at) {
+    return {std::sqrt(at.distance_squared), facet.element, at.shares, at.point};
+  }
+
   // From the closest point on a triangle to that on its facet.
   CagePoint<D> on_facet(const Vec<D>& x, const OnTriangle& on) const {
+    using Part = FacetTriangle::Part;
     const FacetTriangle& triangle = triangles_[on.triangle];
     const Facet& facet = facets_[triangle.facet];
-    const Element& element = cage_.elements()[facet.element];
     if constexpr (D == 3) {
-      using Part = FacetTriangle::Part;
-      // Corners in one place: parameters say little.
-      if (element.kind == ElementKind::kQuad && triangle.part == Part::kAll) {
-        const ElementPoint<3> at = closest_on(facet, x);
-        return {std::sqrt(at.distance_squared), facet.element, at.shares, at.point};
+      const Element& element = cage_.elements()[facet.element];
+      if (element.kind == ElementKind::kTriangle) {
+        const std::array<double, 4> shares = {on.shares.first(), on.shares.second, on.shares.third, 0.0};
+        return {std::sqrt(on.distance_squared), facet.element, shares,
+                shares[0] * triangle.corners[0] + shares[1] * triangle.corners[1] + shares[2] * triangle.corners[2]};
       }
-      if (element.kind == ElementKind::kQuad) {
+      if (triangle.part != Part::kAll) {
         const double both = on.shares.second + on.shares.third;
         const bool first = triangle.part == Part::kFirst;
         const double u = facet.window.u + facet.window.size * (first ? both : on.shares.second);
         const double v = facet.window.v + facet.window.size * (first ? on.shares.third : both);
-        const ElementPoint<3> at = closest_on_patch(x, patch_of(cage_, element), facet.window, u, v);
-        return {std::sqrt(at.distance_squared), facet.element, at.shares, at.point};
+        return on_cage(facet, closest_on_patch(x, patch_of(cage_, element), facet.window, u, v));
       }
-      const std::array<double, 4> shares = {on.shares.first(), on.shares.second, on.shares.third, 0.0};
-      return {std::sqrt(on.distance_squared), facet.element, shares,
-              shares[0] * triangle.corners[0] + shares[1] * triangle.corners[1] + shares[2] * triangle.corners[2]};
-    } else {
-      const ElementPoint<D> at = closest_on(facet, x);
-      return {std::sqrt(at.distance_squared), facet.element, at.shares, at.point};
     }
+    // Segments; and patches with corners in one place, whose parameters say little.
+    return on_cage(facet, closest_on(facet, x));
   }
 
   const Cage<D>& cage_;

@@ -80,7 +80,7 @@ TiledCholesky::Columns& BoundarySolver::group(size_t g) {
 // off at the points of the panels, whose rule integrates them. False: there is more of the cage about a point.
 bool BoundarySolver::subtract_dipoles(size_t p, PanelKernels::Tables& kernels) {
   const Panel& panel = panels()[p];
-  for (size_t k = 0; k < 3; ++k) kernels_.fill(panel.point[k], static_cast<Eigen::Index>(k), false, kernels);
+  for (size_t k = 0; k < 3; ++k) kernels_.fill(panel.point[k], static_cast<Eigen::Index>(k), false, true, kernels);
   // A flat panel's own are the same but for their sign on both sides: none in between.
   kernels.dipoles.middleCols<3>(static_cast<Eigen::Index>(3 * p)).setZero();
   DoubleLayer::Rows values = DoubleLayer::Rows::Zero(4, data_.basis_count());

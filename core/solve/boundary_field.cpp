@@ -184,7 +184,7 @@ void BoundaryField::evaluate_with_gradient(const Query& query, SolvedRows<3>& ou
   const Eigen::Index n = data_.basis_count(), columns = columns_of(query);
   PanelKernels::Tables kernels(kernels_.point_count());
   Potentials at_x, at_y;
-  kernels_.fill(query.x, 0, true, kernels);
+  kernels_.fill(query.x, 0, true, query.inside, kernels);
   multiply(kernels, query.inside, columns, at_x);
   continue_beyond_panels(query, query.x, 0, true, at_x);
   BoundaryData::Row values = at_x.columns.row(0);
@@ -192,7 +192,7 @@ void BoundaryField::evaluate_with_gradient(const Query& query, SolvedRows<3>& ou
   const Vec<3> away = query.x - query.y.point;
   const double distance = away.norm();
   if (query.blend_width > distance) {
-    kernels_.fill(query.beside, 0, true, kernels);
+    kernels_.fill(query.beside, 0, true, query.inside, kernels);
     multiply(kernels, query.inside, columns, at_y);
     continue_beyond_panels(query, query.beside, 0, true, at_y);
     std::array<BoundaryData::Row, 3> wanted_slopes;
@@ -225,11 +225,11 @@ void BoundaryField::evaluate_values(std::span<const Query> queries, SolvedRows<3
   PanelKernels::Tables kernels(kernels_.point_count());
   Potentials at_x, at_y;
   const auto at = [](size_t i) { return static_cast<Eigen::Index>(i); };
-  for (size_t i = 0; i < queries.size(); ++i) kernels_.fill(queries[i].x, at(i), false, kernels);
+  for (size_t i = 0; i < queries.size(); ++i) kernels_.fill(queries[i].x, at(i), false, queries[i].inside, kernels);
   multiply(kernels, queries[0].inside, columns, at_x);
   if (std::any_of(queries.begin(), queries.end(), [](const Query& query) { return query.blend_width > 0.0; })) {
     for (size_t i = 0; i < queries.size(); ++i)
-      if (queries[i].blend_width > 0.0) kernels_.fill(queries[i].beside, at(i), false, kernels);
+      if (queries[i].blend_width > 0.0) kernels_.fill(queries[i].beside, at(i), false, queries[i].inside, kernels);
     multiply(kernels, queries[0].inside, columns, at_y);
   }
   for (size_t i = 0; i < queries.size(); ++i) {

@@ -30,19 +30,20 @@ size_t PanelKernels::bytes() const {
 }
 
 // Far panels as three points, all at once; then what is nearer, panel by panel.
-void PanelKernels::fill(const Vec<3>& x, Eigen::Index row, bool gradient, Tables& out) const {
+void PanelKernels::fill(const Vec<3>& x, Eigen::Index row, bool gradient, bool dipoles, Tables& out) const {
   const Eigen::ArrayXd dx = points_.col(0) - x[0], dy = points_.col(1) - x[1], dz = points_.col(2) - x[2];
   const Eigen::ArrayXd inverse_squared = (dx.square() + dy.square() + dz.square()).inverse();
   const Eigen::ArrayXd value = charge_ * inverse_squared.sqrt(), rate = value * inverse_squared;
-  const Eigen::ArrayXd height = -(normals_.col(0) * dx + normals_.col(1) * dy + normals_.col(2) * dz);
+  const Eigen::ArrayXd* const to[3] = {&dx, &dy, &dz};
   out.charges.row(row) = value.matrix().transpose();
-  out.dipoles.row(row) = (height * rate).matrix().transpose();
-  if (gradient) {
-    const Eigen::ArrayXd along = 3 * height * inverse_squared;
-    const Eigen::ArrayXd* const to[3] = {&dx, &dy, &dz};
-    for (Eigen::Index i = 0; i < 3; ++i) {
-      out.charges.row(1 + i) = (rate * *to[i]).matrix().transpose();
-      out.dipoles.row(1 + i) = (rate * (normals_.col(i) + along * *to[i])).matrix().transpose();
+  for (Eigen::Index i = 0; gradient && i < 3; ++i) out.charges.row(1 + i) = (rate * *to[i]).matrix().transpose();
+  if (dipoles) {
+    const Eigen::ArrayXd height = -(normals_.col(0) * dx + normals_.col(1) * dy + normals_.col(2) * dz);
+    out.dipoles.row(row) = (height * rate).matrix().transpose();
+    if (gradient) {
+      const Eigen::ArrayXd along = 3 * height * inverse_squared;
+      for (Eigen::Index i = 0; i < 3; ++i)
+        out.dipoles.row(1 + i) = (rate * (normals_.col(i) + along * *to[i])).matrix().transpose();
     }
   }
   PanelPotential potential;
@@ -57,11 +58,10 @@ void PanelKernels::fill(const Vec<3>& x, Eigen::Index row, bool gradient, Tables
     }
     const auto at = static_cast<Eigen::Index>(3 * p);
     out.charges.block<1, 3>(row, at) = potential.value.transpose();
-    out.dipoles.block<1, 3>(row, at) = potential.dipole.transpose();
-    if (!gradient) continue;
-    for (Eigen::Index k = 0; k < 3; ++k) {
+    if (dipoles) out.dipoles.block<1, 3>(row, at) = potential.dipole.transpose();
+    for (Eigen::Index k = 0; gradient && k < 3; ++k) {
       out.charges.block<3, 1>(1, at + k) = potential.gradient[static_cast<size_t>(k)];
-      out.dipoles.block<3, 1>(1, at + k) = potential.dipole_gradient[static_cast<size_t>(k)];
+      if (dipoles) out.dipoles.block<3, 1>(1, at + k) = potential.dipole_gradient[static_cast<size_t>(k)];
     }
   }
 }

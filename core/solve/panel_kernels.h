@@ -22,8 +22,9 @@ class PanelKernels {
         : charges(Table::Zero(4, point_count)), dipoles(Table::Zero(4, point_count)) {}
   };
 
-  // What a point x makes of every panel, in row `row`; with the gradient, in row 0 and in those after it.
-  void fill(const Vec<3>& x, Eigen::Index row, bool gradient, Tables& out) const;
+  // What a point x makes of every panel, in row `row`; with the gradient, in row 0 and in those after it. Those of
+  // dipoles are left alone unless asked for.
+  void fill(const Vec<3>& x, Eigen::Index row, bool gradient, bool dipoles, Tables& out) const;
 
   size_t bytes() const;
 

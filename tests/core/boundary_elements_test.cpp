@@ -159,8 +159,8 @@ TEST(DoubleLayer, OfOneTellsInsideFromOutside) {
     PanelKernels::Tables tables(kernels.point_count());
     for (const Panel& panel : kernels.panels().panels)
       for (const double height : {1e-9, 1e-4}) {
-        kernels.fill(panel.point[0] - height * panel.normal, 0, false, tables);
-        kernels.fill(panel.point[0] + height * panel.normal, 1, false, tables);
+        kernels.fill(panel.point[0] - height * panel.normal, 0, false, true, tables);
+        kernels.fill(panel.point[0] + height * panel.normal, 1, false, true, tables);
         DoubleLayer::Rows rows = DoubleLayer::Rows::Zero(4, cage.control_vertex_count());
         Eigen::Array4d enclosed = Eigen::Array4d::Zero();
         dipoles.add(tables.dipoles, rows, enclosed);
