@@ -37,7 +37,8 @@ def test_resumes_across_cut_connections(cpp, tcp_daemon, environment, tmp_path, 
     reports = [json.loads(str(file["report"])) for file in (ours, theirs)]
     for name in ("points", "entries", "rows", "options"):
         assert reports[0][name] == reports[1][name]
-    assert len(reports[0]["resumed_rows"]) == 2 and reports[1]["resumed_rows"] == []
+    # A cut connection of which a busy machine read no row is not resumed, but begun anew.
+    assert 1 <= len(reports[0]["resumed_rows"]) <= 2 and reports[1]["resumed_rows"] == []
 
 
 class Rebuilt(fake_server.FakeService):
