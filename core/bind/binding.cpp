@@ -50,12 +50,13 @@ class BindingOf final : public Binding {
         blocks_(settings_, cage_.frame().diagonal),
         quantum_(1000 / settings.options.samples),  // a point costs microseconds per sample
         points_per_task_(points_per_task(settings.options.samples)),
-        workspaces_([this] { return typename PointEstimator<D>::Workspace(cage_); }) {
+        tasks_([this] { return Task(cage_); }) {
     summary_.warnings.assign(cage_.warnings().begin(), cage_.warnings().end());
     summary_.warnings.insert(summary_.warnings.end(), queries_.warnings.begin(), queries_.warnings.end());
     if (smoothed()) {
       summary_.smoothing_time = smoothing_time;
-      estimates_.resize(queries_.nodes.size());
+      fits_.emplace(cage_, queries_.nodes);
+      nodes_with_faces_ = queries_.mesh.nodes_with_faces();
       progress_ = {Stage::kSampling, 0, queries_.nodes.size()};
     } else {
       queries_.mesh = {};
@@ -77,21 +78,48 @@ class BindingOf final : public Binding {
   double smoothing_time() const override { return summary_.smoothing_time; }
 
  private:
+  // Of one thread: some points of the query set, by their places in it, and what they are found to be.
+  struct Task {
+    explicit Task(const Cage<D>& cage) : workspace(cage) {}
+    typename PointEstimator<D>::Workspace workspace;
+    std::vector<uint32_t> places;
+    std::vector<Vec<D>> points;
+    std::vector<PointEstimate<D>> estimates;  // of the points, and more
+  };
+
   bool smoothed() const { return settings_.options.denoise == Denoise::kMesh; }
 
   Step sample_nodes(const std::atomic<bool>& cancel) {
     const StageTimer timer(summary_.sampling_s);
     const size_t count = std::min(quantum_.size(), queries_.nodes.size() - nodes_sampled_);
     const bool complete = quantum_.run(count, points_per_task_, cancel, [&](size_t begin, size_t end) {
-      const size_t first = nodes_sampled_ + begin;
-      return estimator_.estimate(std::span(queries_.nodes).subspan(first, end - begin), cancel, workspaces_.local(),
-                                 std::span(estimates_).subspan(first, end - begin));
+      return sample_nodes(nodes_sampled_ + begin, nodes_sampled_ + end, cancel);
     });
     if (!complete) return Step::kCancelled;
-    for (size_t i = 0; i < count; ++i) add_counts(estimates_[nodes_sampled_ + i].counts, summary_);
     nodes_sampled_ += count;
     progress_.done = nodes_sampled_;
     return Step::kWorking;
+  }
+
+  bool estimate(Task& task, const std::atomic<bool>& cancel) const {
+    if (task.estimates.size() < task.points.size()) task.estimates.resize(task.points.size());
+    return estimator_.estimate(task.points, cancel, task.workspace,
+                               std::span(task.estimates).first(task.points.size()));
+  }
+
+  // Nodes that no face names are left to their rows.
+  bool sample_nodes(size_t begin, size_t end, const std::atomic<bool>& cancel) {
+    Task& task = tasks_.local();
+    task.places.clear();
+    task.points.clear();
+    for (size_t node = begin; node < end; ++node) {
+      if (!nodes_with_faces_[node]) continue;
+      task.places.push_back(static_cast<uint32_t>(node));
+      task.points.push_back(queries_.nodes[node]);
+    }
+    if (!estimate(task, cancel)) return false;
+    fits_->add(task.places, std::span(task.estimates).first(task.points.size()));
+    return true;
   }
 
   // Of the nodes. None depends on another node but by the time that is given for all.
@@ -101,7 +129,7 @@ class BindingOf final : public Binding {
     if (options.preset == Preset::kPaper) return times;
     const double factor = smoothing_time_per_squared_distance(error_rate(options), options.samples);
     for (size_t node = 0; node < times.size(); ++node) {
-      const double distance = std::max(estimates_[node].distance, options.thickness);
+      const double distance = std::max(fits_->state(node).distance, options.thickness);
       times[node] = std::min(times[node], factor * distance * distance);
     }
     return times;
@@ -131,7 +159,8 @@ class BindingOf final : public Binding {
       kernel = HeatKernel::create(MeshLaplacian{{}, Eigen::VectorXd::Zero(laplacian.area.size()), 0}, times);
     }
     kernel_.emplace(std::move(kernel).value());
-    smoother_.emplace(cage_, finisher_, *kernel_, queries_.nodes, estimates_);
+    add_counts(fits_->counts(), summary_);
+    smoother_.emplace(cage_, finisher_, *kernel_, *fits_);
     progress_ = {Stage::kSmoothing, 0, smoother_->group_count()};
     return Step::kWorking;
   }
@@ -147,24 +176,28 @@ class BindingOf final : public Binding {
 
   // Finishes the rows of some points, from their smoothed entries or from their own samples.
   bool finish_rows(size_t first, const std::atomic<bool>& cancel, std::span<FinishedRow<D>> rows) {
-    std::vector<PointEstimate<D>> own;
-    const std::span<const Vec<D>> points = std::span(queries_.points).subspan(first, rows.size());
-    if (!smoothed()) {
-      own.resize(rows.size());
-      if (!estimator_.estimate(points, cancel, workspaces_.local(), own)) return false;
-    }
+    Task& task = tasks_.local();
+    task.places.clear();
+    task.points.clear();
     for (size_t i = 0; i < rows.size(); ++i) {
-      FinishedRow<D>& row = rows[i];
-      if (smoothed()) {
-        const uint32_t node = queries_.node_of_point[first + i];
-        row.entries = smoother_->row(node);
-        row.flags = estimates_[node].flags;
+      const uint32_t node = queries_.node_of_point[first + i];
+      if (smoothed() && kernel_->smooths(node)) {
+        smoother_->row(node, rows[i].entries);
+        rows[i].flags = fits_->state(node).flags;
+        rows[i].error = finisher_.finish(queries_.points[first + i], rows[i].entries);
       } else {
-        finisher_.evaluate(own[i].projected, points[i], row.entries);
-        row.flags = own[i].flags;
-        row.counts = own[i].counts;
+        task.places.push_back(static_cast<uint32_t>(i));
+        task.points.push_back(queries_.points[first + i]);
       }
-      row.error = finisher_.finish(points[i], row.entries);
+    }
+    if (!estimate(task, cancel)) return false;
+    for (size_t k = 0; k < task.points.size(); ++k) {
+      const PointEstimate<D>& own = task.estimates[k];
+      FinishedRow<D>& row = rows[task.places[k]];
+      finisher_.evaluate(own.projected, task.points[k], row.entries);
+      row.flags = own.flags;
+      row.counts = own.counts;
+      row.error = finisher_.finish(task.points[k], row.entries);
     }
     return true;
   }
@@ -188,9 +221,12 @@ class BindingOf final : public Binding {
   BlockBuilder<D> blocks_;
   Quantum quantum_;
   const size_t points_per_task_;
-  PerThread<typename PointEstimator<D>::Workspace> workspaces_;
 
-  std::vector<PointEstimate<D>> estimates_;  // of the nodes; with denoising only
+  PerThread<Task> tasks_;
+
+  // With denoising only.
+  std::optional<NodeFits<D>> fits_;
+  std::vector<bool> nodes_with_faces_;
   size_t nodes_sampled_ = 0;
   std::optional<HeatKernel> kernel_;
   std::optional<Smoother<D>> smoother_;

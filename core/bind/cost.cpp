@@ -9,7 +9,7 @@
 #include "bind/quantum.h"
 #include "estimate/point_estimator.h"
 #include "estimate/row.h"
-#include "smooth/heat.h"
+#include "smooth/smoother.h"
 #include "solve/boundary_elements.h"
 
 namespace barycast {
@@ -112,11 +112,11 @@ class Model {
       return constant() +
              std::max({input + set + mesh + names, set + solving(), set + solved() + block(data_.entries)});
     if (!smoothed) return constant() + std::max(input + set + mesh + names, set + block(data_.entries));
-    const double held = set + mesh + points_ * sizeof(PointEstimate<D>);
-    const double sampled = held + points_ * (kChunk + fits() * sizeof(LinearFit<D>));
-    const double done = sampled + smoothed_rows() + kernel();
-    return constant() + std::max({input + set + mesh + names, input + held, sampled + factorization(), done + columns(),
-                                  done + columns() + block(data_.smoothed_entries)});
+    const double held = set + mesh + points_ * (sizeof(NodeState<D>) + 0.125) + 4.0 * vertices();
+    const double smoothing = held + kernel() + columns();
+    return constant() + std::max({input + set + mesh + names, input + held, held + stored_fits() + factorization(),
+                                  smoothing + stored_fits(), smoothing + packed_rows(),
+                                  held + kernel() + packed_rows() + block(data_.smoothed_entries)});
   }
 
  private:
@@ -133,13 +133,11 @@ class Model {
   // Of every thread: moments of all control vertices, samples, walks, and a row twice while it is pruned.
   double constant() const {
     const double together = options_.samples == 0 ? 0.0 : static_cast<double>(points_per_task(options_.samples));
-    // Without denoising the fits of the points under way as well.
-    const double estimate =
-        options_.denoise == Denoise::kMesh ? 0.0 : sizeof(PointEstimate<D>) + kChunk + fits() * sizeof(LinearFit<D>);
+    const double estimate = sizeof(PointEstimate<D>) + kPosition + kChunk + fits() * sizeof(LinearFit<D>);
     const double thread = vertices() * (sizeof(Vec<D + 1>) + 8.0) +
                           options_.samples * (ends() * together * sizeof(Sample<D>) + kWalk) + together * estimate +
                           2.0 * grown(vertices()) * sizeof(RowEntry<D>) + 12'000.0;
-    return 32'000.0 + static_cast<double>(size_.threads) * thread;
+    return 32'000.0 + vertices() * sizeof(Vec<D>) + static_cast<double>(size_.threads) * thread;
   }
 
   double fits() const { return grown(data_.touched, vertices(), data_); }
@@ -178,16 +176,24 @@ class Model {
     return std::max(assembly, points_ * (kFactorizationBytes + kFactorEntryBytes * data_.factor_entries));
   }
   double kernel() const { return points_ * (20.0 + 8.0 * data_.factor_entries); }
-  double smoothed_rows() const {
-    const double pseudo = sizeof(Mat<D + 1>), header = 24.0;
-    return points_ *
-           (pseudo + header + kChunk + grown(data_.smoothed_entries, vertices(), data_) * sizeof(RowEntry<D>));
+  // Groups of control vertices that are smoothed together.
+  double groups() const { return std::ceil(vertices() / NodeFits<D>::kGroupVertices); }
+  // A node's fits, and its share of the lists that its task makes for every group.
+  double stored_fits() const {
+    const double task = 0.7 * static_cast<double>(points_per_task(std::max(1u, options_.samples)));
+    return points_ * (data_.touched * NodeFits<D>::kFitBytes +
+                      std::min(groups(), data_.touched * task) / task * (NodeFits<D>::kListBytes * 1.5 + kChunk));
   }
-  // Two blocks of columns for every thread that has control vertices to smooth.
+  double packed_rows() const {
+    const double entry = 1.0 + sizeof(float) * (options_.gradients ? 1 + D : 1);
+    return points_ * (data_.smoothed_entries * entry + groups() * kPackedNode);
+  }
+  static constexpr double kPackedNode = 2.3;  // an offset, and a share of its piece
+  // A block of columns for every thread that has control vertices to smooth.
   double columns() const {
-    const double groups = std::ceil(vertices() * (D + 1) / HeatKernel::kColumns);
-    return points_ * 2.0 * HeatKernel::kColumns * sizeof(float) *
-           std::min(static_cast<double>(size_.threads), std::max(1.0, groups));
+    const double block = points_ * HeatKernel::kColumns * sizeof(float);
+    const double most = std::max(1.0, std::floor(Smoother<D>::kBlocksBytesMax / std::max(1.0, block)));
+    return block * std::min({static_cast<double>(size_.threads), std::max(1.0, groups()), most});
   }
 
   const BindingSize& size_;

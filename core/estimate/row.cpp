@@ -97,10 +97,10 @@ RowFinisher<D>::RowFinisher(const Cage<D>& cage, const RowSettings& settings)
     reach_ = std::max(reach_, homogeneous<D>(cage.control_vertices()[v]).norm());
   }
   const Eigen::SelfAdjointEigenSolver<Mat<D>> solver(covariance);
-  whitening_ = solver.eigenvalues().cwiseSqrt().cwiseInverse().asDiagonal() * solver.eigenvectors().transpose();
-  std::vector<Vec<D>> whitened;
-  for (const Vec<D>& x : cage.control_vertices()) whitened.push_back(whitening_ * x);
-  simplex_ = spread_simplex<D>(cage.used_vertices(), whitened);
+  const Mat<D> whitening =
+      solver.eigenvalues().cwiseSqrt().cwiseInverse().asDiagonal() * solver.eigenvectors().transpose();
+  for (const Vec<D>& x : cage.control_vertices()) whitened_.push_back(whitening * x);
+  simplex_ = spread_simplex<D>(cage.used_vertices(), whitened_);
 }
 
 template <int D>
@@ -130,14 +130,18 @@ void RowFinisher<D>::evaluate(const Projected<D>& projected, const Vec<D>& x, st
 template <int D>
 void RowFinisher<D>::prune(std::vector<RowEntry<D>>& row) const {
   Scatter<D> scatter;
-  const auto whitened = [&](uint32_t v) { return Vec<D>(whitening_ * cage_.control_vertices()[v]); };
-  size_t kept = 0;  // to the front, in order
+  // More points never span less: long rows are mostly settled by their first entries.
+  bool spans = false;
+  size_t kept = 0, next_look = 8;
   for (RowEntry<D>& entry : row) {
-    if (!is_kept(std::abs(entry.value), entry.gradient.norm())) continue;
-    scatter.add(whitened(entry.vertex));
-    std::swap(row[kept++], entry);
+    if (!is_kept(std::abs(entry.value), settings_.gradients ? entry.gradient.norm() : 0.0)) continue;
+    if (!spans) scatter.add(whitened_[entry.vertex]);
+    std::swap(row[kept++], entry);  // to the front, in order
+    if (spans || kept < next_look) continue;
+    spans = scatter.smallest() >= kKeptSpanMin;
+    next_look *= 2;
   }
-  if (scatter.smallest() >= kKeptSpanMin) return row.resize(kept);
+  if (spans || scatter.smallest() >= kKeptSpanMin) return row.resize(kept);
   std::sort(row.begin() + static_cast<std::ptrdiff_t>(kept), row.end(), [](const RowEntry<D>& a, const RowEntry<D>& b) {
     const double of_a = std::abs(a.value), of_b = std::abs(b.value);
     return of_a > of_b || (of_a == of_b && a.vertex < b.vertex);
@@ -145,7 +149,7 @@ void RowFinisher<D>::prune(std::vector<RowEntry<D>>& row) const {
   // Below this the order is one of rounding errors, and explicit zeros say as much.
   const double negligible = 1e-3 * settings_.prune_below;
   while (kept < row.size() && std::abs(row[kept].value) > negligible && scatter.smallest() < kKeptSpanMin)
-    scatter.add(whitened(row[kept++].vertex));
+    scatter.add(whitened_[row[kept++].vertex]);
   row.resize(kept);
   if (scatter.smallest() < kKeptSpanMin)
     for (const uint32_t v : simplex_)
@@ -166,7 +170,7 @@ void RowFinisher<D>::limit(std::vector<RowEntry<D>>& row) const {
   AffineSpan<D> span;
   std::vector<RowEntry<D>> kept;
   const auto consider = [&](const RowEntry<D>& entry, double off_span_min) {
-    const Vec<D> x = whitening_ * cage_.control_vertices()[entry.vertex];
+    const Vec<D>& x = whitened_[entry.vertex];
     const bool extends = span.distance(x) > off_span_min;
     if (extends) span.add(x);
     if (extends || places - kept.size() > span.missing()) kept.push_back(entry);
@@ -175,8 +179,7 @@ void RowFinisher<D>::limit(std::vector<RowEntry<D>>& row) const {
   // Vertices that lie in one plane leave places: the cage's own extremes fill them, farthest first.
   while (span.missing() > 0) {
     const uint32_t farthest = *std::max_element(simplex_.begin(), simplex_.end(), [&](uint32_t a, uint32_t b) {
-      return span.distance(whitening_ * cage_.control_vertices()[a]) <
-             span.distance(whitening_ * cage_.control_vertices()[b]);
+      return span.distance(whitened_[a]) < span.distance(whitened_[b]);
     });
     const auto in_row =
         std::find_if(row.begin(), row.end(), [&](const RowEntry<D>& entry) { return entry.vertex == farthest; });

@@ -43,6 +43,7 @@ class RowFinisher {
     return value >= threshold_scale * settings_.prune_below || value <= -threshold_scale * settings_.prune_below ||
            (settings_.gradients && gradient_norm >= threshold_scale * prune_gradient_below_);
   }
+  bool gradients() const { return settings_.gradients; }
 
  private:
   void prune(std::vector<RowEntry<D>>& row) const;
@@ -52,7 +53,7 @@ class RowFinisher {
   const Cage<D>& cage_;
   RowSettings settings_;
   double prune_gradient_below_;    // per diagonal
-  Mat<D> whitening_;               // makes the used vertices' covariance the identity
+  std::vector<Vec<D>> whitened_;   // control vertices, in a frame where the used ones' covariance is the identity
   double reach_;                   // the largest |[x_v; 1]| of a used vertex
   std::vector<uint32_t> simplex_;  // used vertices far apart, d + 1 of them, ascending
 };

@@ -67,7 +67,7 @@ double factor_operations(const Sparse& upper) {
 Result<HeatKernel> HeatKernel::create(const MeshLaplacian& laplacian, std::span<const double> times) {
   const double time = times.empty() ? 0.0 : *std::max_element(times.begin(), times.end());
   const auto weight = [&](uint32_t node) { return laplacian.area[node] * (time > 0.0 ? time / times[node] : 1.0); };
-  std::vector<bool> active_node = nodes_to_smooth(laplacian, times);
+  const std::vector<bool> active_node = nodes_to_smooth(laplacian, times);
   std::vector<int> row_of(active_node.size(), -1);
   std::vector<uint32_t> active;
   for (size_t i = 0; i < active_node.size(); ++i) {
@@ -104,30 +104,32 @@ Result<HeatKernel> HeatKernel::create(const MeshLaplacian& laplacian, std::span<
 
   HeatKernel kernel;
   const Sparse& lower = ldlt.matrixL().nestedExpression();
-  kernel.node_.resize(active.size());
+  kernel.place_.resize(active_node.size());
   kernel.weight_.resize(active.size());
-  for (size_t i = 0; i < active.size(); ++i) {
-    const auto row = static_cast<size_t>(order.indices()[static_cast<Eigen::Index>(i)]);
-    kernel.node_[row] = active[i];
-    kernel.weight_[row] = static_cast<float>(weight(active[i]));
+  for (uint32_t node = 0, beyond = static_cast<uint32_t>(active.size()); node < active_node.size(); ++node) {
+    if (!active_node[node]) {
+      kernel.place_[node] = beyond++;
+      continue;
+    }
+    const auto row = static_cast<size_t>(order.indices()[row_of[node]]);
+    kernel.place_[node] = static_cast<uint32_t>(row);
+    kernel.weight_[row] = static_cast<float>(weight(node));
   }
   kernel.column_begin_.assign(lower.outerIndexPtr(), lower.outerIndexPtr() + size + 1);
   kernel.row_.assign(lower.innerIndexPtr(), lower.innerIndexPtr() + kernel.column_begin_.back());
   kernel.factor_.resize(kernel.row_.size());
   for (size_t i = 0; i < kernel.factor_.size(); ++i) kernel.factor_[i] = static_cast<float>(lower.valuePtr()[i]);
   for (Eigen::Index i = 0; i < size; ++i) kernel.inverse_pivot_.push_back(static_cast<float>(1.0 / pivots[i]));
-  kernel.is_smoothed_ = std::move(active_node);
   return kernel;
 }
 
-bool HeatKernel::smooth(std::vector<float>& block, std::vector<float>& workspace,
-                        const std::atomic<bool>& cancel) const {
-  workspace.resize(node_.size() * kColumns);
-  float* const x = workspace.data();
-  for (size_t i = 0; i < node_.size(); ++i)
-    for (size_t k = 0; k < kColumns; ++k) x[i * kColumns + k] = weight_[i] * block[node_[i] * kColumns + k];
+bool HeatKernel::smooth(std::span<float> block, const std::atomic<bool>& cancel) const {
+  const size_t count = weight_.size();
+  float* const x = block.data();
+  for (size_t i = 0; i < count; ++i)
+    for (size_t k = 0; k < kColumns; ++k) x[i * kColumns + k] *= weight_[i];
 
-  for (size_t j = 0; j < node_.size(); ++j) {  // L y = A b, column by column
+  for (size_t j = 0; j < count; ++j) {  // L y = A b, column by column
     if (j % kCheckEvery == 0 && cancel.load(std::memory_order_relaxed)) return false;
     float pivot[kColumns];
     for (size_t k = 0; k < kColumns; ++k) pivot[k] = x[j * kColumns + k];
@@ -137,7 +139,7 @@ bool HeatKernel::smooth(std::vector<float>& block, std::vector<float>& workspace
       for (size_t k = 0; k < kColumns; ++k) target[k] -= l * pivot[k];
     }
   }
-  for (size_t j = node_.size(); j-- > 0;) {  // L^T x = D^-1 y
+  for (size_t j = count; j-- > 0;) {  // L^T x = D^-1 y
     if (j % kCheckEvery == 0 && cancel.load(std::memory_order_relaxed)) return false;
     float sum[kColumns];
     for (size_t k = 0; k < kColumns; ++k) sum[k] = inverse_pivot_[j] * x[j * kColumns + k];
@@ -148,14 +150,12 @@ bool HeatKernel::smooth(std::vector<float>& block, std::vector<float>& workspace
     }
     for (size_t k = 0; k < kColumns; ++k) x[j * kColumns + k] = sum[k];
   }
-  for (size_t i = 0; i < node_.size(); ++i)
-    for (size_t k = 0; k < kColumns; ++k) block[node_[i] * kColumns + k] = x[i * kColumns + k];
   return true;
 }
 
 size_t HeatKernel::bytes() const {
-  return factor_.size() * (sizeof(float) + sizeof(int)) +
-         node_.size() * (sizeof(uint32_t) + sizeof(int) + 2 * sizeof(float));
+  return factor_.size() * (sizeof(float) + sizeof(int)) + place_.size() * sizeof(uint32_t) +
+         weight_.size() * (sizeof(int) + 2 * sizeof(float));
 }
 
 }  // namespace barycast

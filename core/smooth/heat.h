@@ -26,19 +26,20 @@ class HeatKernel {
   // surface's (found before the work is done), kInternal when the matrix is not positive definite to rounding.
   static Result<HeatKernel> create(const MeshLaplacian& laplacian, std::span<const double> times);
 
-  // Smooths a node-major block (nodes x kColumns) in place. `workspace` is any vector, reused between
-  // calls. False: `cancel` was seen set, and the block is in no defined state. Const, thread-safe.
-  bool smooth(std::vector<float>& block, std::vector<float>& workspace, const std::atomic<bool>& cancel) const;
-
+  // Where a node stands in a block: those that take part first, in the order of elimination.
+  size_t place(size_t node) const { return place_[node]; }
   // Whether a node takes part; what others hold in a block stays as it is.
-  bool smooths(size_t node) const { return is_smoothed_[node]; }
+  bool smooths(size_t node) const { return place_[node] < weight_.size(); }
+
+  // Smooths a block (nodes x kColumns, every node at its place) in place. False: `cancel` was seen set, and the block
+  // is in no defined state. Const, thread-safe.
+  bool smooth(std::span<float> block, const std::atomic<bool>& cancel) const;
 
   size_t bytes() const;
 
  private:
   HeatKernel() = default;
-  std::vector<bool> is_smoothed_;  // by node
-  std::vector<uint32_t> node_;     // of each row of the factor, in its elimination order
+  std::vector<uint32_t> place_;    // by node: its row of the factor, or beyond
   std::vector<float> weight_;      // by row: A t / t_i, t the longest time
   std::vector<int> column_begin_;  // of the unit lower triangular factor, below its diagonal
   std::vector<int> row_;

@@ -25,6 +25,12 @@ struct QueryMesh {
   std::span<const uint32_t> face(size_t i) const {
     return {face_nodes.data() + face_offsets[i], face_offsets[i + 1] - face_offsets[i]};
   }
+  // By node, whether a face names it.
+  std::vector<bool> nodes_with_faces() const {
+    std::vector<bool> result(nodes.size(), false);
+    for (const uint32_t node : face_nodes) result[node] = true;
+    return result;
+  }
 };
 
 struct MeshLaplacian {

@@ -8,53 +8,44 @@
 #include <atomic>
 #include <vector>
 
-#include "estimate/point_estimator.h"
 #include "estimate/row.h"
 #include "smooth/heat.h"
+#include "smooth/node_fits.h"
+#include "smooth/packed_rows.h"
 
 namespace barycast {
 
 template <int D>
 class Smoother {
  public:
-  // nodes: positions in the normalized frame; estimates: of the nodes, in their order. All borrowed.
-  Smoother(const Cage<D>& cage, const RowFinisher<D>& finisher, const HeatKernel& kernel, std::span<const Vec<D>> nodes,
-           std::span<const PointEstimate<D>> estimates);
+  // fits: of the nodes, used up. All borrowed.
+  Smoother(const Cage<D>& cage, const RowFinisher<D>& finisher, const HeatKernel& kernel, NodeFits<D>& fits);
 
   // The first group is that of the pseudo-samples.
-  size_t group_count() const { return 1 + vertex_group_count_; }
+  size_t group_count() const { return 1 + fits_.group_count(); }
   size_t groups_done() const { return groups_done_; }
 
-  // Smooths the next groups, one per thread of the arena. False: `cancel` was seen set.
+  // Smooths the next groups, one per thread of the arena while memory allows. False: `cancel` was seen set.
   bool advance(const std::atomic<bool>& cancel);
 
-  // After all groups: the entries of a node that may survive pruning, ascending by vertex, evaluated at
-  // the node.
-  const std::vector<RowEntry<D>>& row(size_t node) const { return rows_[node]; }
+  // After all groups: the entries of a node that takes part which may survive pruning, ascending by vertex, evaluated
+  // at the node.
+  void row(size_t node, std::vector<RowEntry<D>>& row) const;
+
+  // Of the blocks of columns under way, unless a single one is larger.
+  static constexpr size_t kBlocksBytesMax = size_t{1} << 30;
 
  private:
-  static constexpr size_t kHomogeneous = D + 1;
-  static constexpr size_t kGroupVertices = HeatKernel::kColumns / kHomogeneous;
-
-  std::span<const uint32_t> group_vertices(size_t group) const;
-  bool gather(size_t group, std::vector<float>& block) const;
-  void take_pseudo(const std::vector<float>& block);
-  void collect(size_t node, std::span<const uint32_t> vertices, const float* columns);
+  bool smooth_pseudo(const std::atomic<bool>& cancel);
+  void collect(size_t node, std::span<const uint32_t> vertices, const float* columns, PackedRows<D>& rows) const;
 
   const Cage<D>& cage_;
   const RowFinisher<D>& finisher_;
   const HeatKernel& kernel_;
-  std::span<const Vec<D>> nodes_;
-  std::span<const PointEstimate<D>> estimates_;
-  size_t vertex_group_count_;
+  NodeFits<D>& fits_;
   size_t groups_done_ = 0;
-  std::vector<Mat<D + 1>> pseudo_;  // smoothed, by node
-  std::vector<std::vector<RowEntry<D>>> rows_;
-  struct Workspace {
-    std::vector<float> block, solve;
-    bool any = false;  // some column of the block is not zero
-  };
-  std::vector<Workspace> workspaces_;
+  std::vector<std::vector<PackedRows<D>>> rows_;  // by group of vertices, then by kNodesPerPiece nodes
+  std::vector<std::vector<float>> blocks_;
 };
 
 extern template class Smoother<2>;
