@@ -10,6 +10,7 @@
 #include "bind/query_set.h"
 #include "bind/sampler.h"
 #include "bind/solved_binding.h"
+#include "estimate/noise.h"
 #include "estimate/point_estimator.h"
 #include "estimate/row.h"
 #include "smooth/smoother.h"
@@ -25,16 +26,11 @@ ErrorRate error_rate(const ResolvedOptions& options) {
   return options.coordinates == CoordinateKind::kHarmonic ? ErrorRate::kSquareRoot : ErrorRate::kLinear;
 }
 
-double default_smoothing_time(const ResolvedOptions& options, const SquaredEdges& edges) {
-  if (options.preset == Preset::kPaper) return smoothing_time_as_printed(edges, options.samples);
-  return smoothing_time(edges, error_rate(options), options.samples);
-}
-
 template <int D>
 class BindingOf final : public Binding {
  public:
   BindingOf(std::shared_ptr<const CageIndex> index, const CageStructures<D>& structures, QuerySet<D> queries,
-            const BindingSettings& settings, double smoothing_time)
+            const BindingSettings& settings)
       : index_(std::move(index)),
         cage_(structures.cage),
         queries_(std::move(queries)),
@@ -54,7 +50,7 @@ class BindingOf final : public Binding {
     summary_.warnings.assign(cage_.warnings().begin(), cage_.warnings().end());
     summary_.warnings.insert(summary_.warnings.end(), queries_.warnings.begin(), queries_.warnings.end());
     if (smoothed()) {
-      summary_.smoothing_time = smoothing_time;
+      summary_.smoothing_time = settings.options.smoothing_time.value_or(0.0);
       fits_.emplace(cage_, queries_.nodes);
       nodes_with_faces_ = queries_.mesh.nodes_with_faces();
       progress_ = {Stage::kSampling, 0, queries_.nodes.size()};
@@ -62,6 +58,21 @@ class BindingOf final : public Binding {
       queries_.mesh = {};
       progress_ = {Stage::kSampling, settings.first_row, queries_.points.size()};
     }
+  }
+
+  // Where the caller did not. False: `cancel` was seen set.
+  bool choose_smoothing_time(const std::atomic<bool>& cancel) {
+    const std::optional<SquaredEdges> edges = squared_edges(queries_.mesh, cancel);
+    if (!edges) return false;
+    if (settings_.options.preset == Preset::kPaper) {
+      summary_.smoothing_time = smoothing_time_as_printed(*edges, settings_.options.samples);
+      return true;
+    }
+    const StageTimer timer(summary_.sampling_s);
+    const std::optional<double> noise =
+        relative_noise<D>(estimator_, cage_, queries_.nodes, settings_.options.samples, cancel);
+    if (noise) summary_.smoothing_time = barycast::smoothing_time(*edges, *noise);
+    return noise.has_value();
   }
 
   Step advance(const std::atomic<bool>& cancel) override {
@@ -251,14 +262,11 @@ Result<std::unique_ptr<Binding>> create_of(std::shared_ptr<const CageIndex> inde
     if (settings.options.estimator != Estimator::kSampling)
       return create_solved_binding(std::move(index), structures, std::move(*queries), settings, cancel);
   }
-  double smoothing_time = settings.options.smoothing_time.value_or(0.0);
-  if (settings.options.denoise == Denoise::kMesh && !settings.options.smoothing_time) {
-    const std::optional<SquaredEdges> edges = squared_edges(queries->mesh, cancel);
-    if (!edges) return Error{ErrorCode::kCancelled, "", "the request was cancelled"};
-    smoothing_time = default_smoothing_time(settings.options, *edges);
-  }
-  return std::unique_ptr<Binding>(std::make_unique<BindingOf<D>>(std::move(index), structures,
-                                                                 std::move(queries).value(), settings, smoothing_time));
+  auto binding = std::make_unique<BindingOf<D>>(std::move(index), structures, std::move(queries).value(), settings);
+  const bool given = settings.options.denoise == Denoise::kNone || settings.options.smoothing_time;
+  if (!given && !binding->choose_smoothing_time(cancel))
+    return Error{ErrorCode::kCancelled, "", "the request was cancelled"};
+  return std::unique_ptr<Binding>(std::move(binding));
 }
 
 }  // namespace

@@ -43,6 +43,13 @@ class PointEstimator {
   PointEstimator(const Cage<D>& cage, const DistanceIndex<D>& distance, const WindingNumber<D>& winding,
                  Sampler<D> sampler, const Settings& settings);
 
+  // The same with other random numbers, for every r from 1 on.
+  PointEstimator randomized(uint64_t r) const {
+    PointEstimator other(*this);
+    other.settings_.seed += r * 0x9E3779B97F4A7C15u;  // odd: distinct for all r
+    return other;
+  }
+
   // Memory that one task reuses from points to points.
   struct Workspace {
     explicit Workspace(const Cage<D>& cage) : accumulator(cage) {}

@@ -28,12 +28,13 @@ enum class ErrorRate {
   kLinear,      // like 1 / m: lattices of rays
 };
 
-// The rule of the default preset. Over time t the bias grows like t and the noise falls like the error times
-// sqrt(h^2 / t), so that the best time goes with the power 2/3 of the error.
-// differs from [SBC 4.4]: the median of the squared edges, for a few long edges, of a ground plane or of a
-// coarse part, must not blur all the others; and less smoothing where there is less noise. E at m = 50 on
-// FireHydrant, whose mean is 6 times its median: harmonic 0.0402 -> 0.0197, mean value 0.0522 -> 0.0098.
-double smoothing_time(const SquaredEdges& edges, ErrorRate rate, double samples);
+// The rule of the default preset. relative_noise: as measured (estimate/noise.h), 1 / sqrt(m) for m independent
+// samples. Over time t the bias grows like t, and the noise falls in proportion to sqrt(h^2 / t) where t is longer than
+// a squared edge h^2, and to 1 - t / h^2 where it is shorter: the best time goes with the noise, less than in
+// proportion where that is large. differs from [SBC 4.4]: the median of the squared edges, for a few long edges, of a
+// ground plane or of a coarse part, must not blur all the others; and less smoothing where there is less noise. E at m
+// = 50 on FireHydrant, whose mean is 6 times its median: harmonic 0.0402 -> 0.0197, mean value 0.0522 -> 0.0098.
+double smoothing_time(const SquaredEdges& edges, double relative_noise);
 
 // Times a node's squared distance from the cage, the longest time that serves it: coordinates change over lengths like
 // the distance, and the kernel must hardly reach further.

@@ -255,9 +255,10 @@ TEST(Smoothing, TreatsCoincidentPointsAsOne) {
   mesh.face_corners.insert(mesh.face_corners.end(), {0, 0, 1});
   mesh.face_offsets.push_back(static_cast<uint32_t>(mesh.face_corners.size()));
   const auto index = testing::make_index(testing::box());
+  const Options options{.smoothing_time = 1e-3};
   BindingSummary summary;
-  const RowBlock rows = testing::bind_or_die(index, mesh, {}, &summary);
-  const RowBlock whole = testing::bind_or_die(index, testing::mesh_of(sphere), {});
+  const RowBlock rows = testing::bind_or_die(index, mesh, options, &summary);
+  const RowBlock whole = testing::bind_or_die(index, testing::mesh_of(sphere), options);
   for (size_t i = 0; i < original; ++i) {
     const auto a = testing::dense_row(rows, i, 8), b = testing::dense_row(rows, i + original, 8),
                c = testing::dense_row(whole, i, 8);
@@ -359,11 +360,17 @@ TEST(Smoothing, TimeFollowsEdgesAndSamples) {
   }
   const double median = 0.01, mean = (10 * (0.01 + 0.01 + 0.02) + 1 + 1 + 2) / 33;
   const auto harmonic = CoordinateKind::kHarmonic, mean_value = CoordinateKind::kMeanValue;
-  EXPECT_NEAR(chosen_time(mesh, Preset::kDefault, harmonic, 50), 3 * median, 1e-12);
-  EXPECT_NEAR(chosen_time(mesh, Preset::kDefault, harmonic, 400), 1.5 * median, 1e-12);
-  EXPECT_NEAR(chosen_time(mesh, Preset::kDefault, mean_value, 50), 0.7 * median, 1e-12);
-  EXPECT_NEAR(chosen_time(mesh, Preset::kDefault, mean_value, 16), 0.7 * std::cbrt(3.125 * 3.125) * median, 1e-12);
-  EXPECT_NEAR(chosen_time(mesh, Preset::kDefault, mean_value, 400), 0.7 / 16 * median, 1e-12);
+  const SquaredEdges edges{.mean = mean, .median = median};
+  EXPECT_NEAR(smoothing_time(edges, 0.1), 28 * 0.1 / 1.2 * median, 1e-15);
+  EXPECT_NEAR(smoothing_time(edges, 0.01), 28 * 0.01 / 1.02 * median, 1e-15);
+  // Walks of a noise near 1 / sqrt(m), and lattices of rays, far less.
+  for (const uint32_t samples : {50u, 400u}) {
+    const double independent = smoothing_time(edges, 1 / std::sqrt(samples));
+    const double walks = chosen_time(mesh, Preset::kDefault, harmonic, samples);
+    EXPECT_GT(walks, 0.4 * independent);
+    EXPECT_LT(walks, 1.5 * independent);
+    EXPECT_LT(chosen_time(mesh, Preset::kDefault, mean_value, samples), 0.5 * walks);
+  }
   EXPECT_NEAR(chosen_time(mesh, Preset::kPaper, harmonic, 50), (5 - std::log10(50)) * mean, 1e-12);
   EXPECT_NEAR(chosen_time(mesh, Preset::kPaper, mean_value, 1000), 2 * mean, 1e-12);
 }

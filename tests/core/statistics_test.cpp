@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include "estimate/noise.h"
 #include "estimate/point_estimator.h"
 #include "estimate/row.h"
 #include "support/rows.h"
@@ -212,6 +213,48 @@ TEST(Outside, ReentryAgreesWithWalksThatGoOn) {
     const auto a = testing::dense_row(reentry, i, 8), b = testing::dense_row(plain, i, 8);
     for (size_t v = 0; v < 8; ++v) EXPECT_NEAR(a[v], b[v], 0.02) << "point " << i << " vertex " << v;
   }
+}
+
+// As the estimator that samples in one way measures it, inside a box.
+double measured_noise(const Sampler<3>& sampler, const CageStructures<3>& structures, uint32_t samples) {
+  const PointEstimator<3> estimator(structures.cage, *structures.distance, *structures.winding, sampler,
+                                    {.thickness = 1e-3, .seed = 3, .pseudo_samples = PseudoSamples::kAlways});
+  std::vector<Vec<3>> points;
+  const auto at = testing::random_points(3200, 3, -0.25, 0.25, 5);
+  for (size_t i = 0; i < 3200; ++i) points.emplace_back(at[3 * i], at[3 * i + 1], at[3 * i + 2]);
+  const auto noise = relative_noise<3>(estimator, structures.cage, points, samples, kNeverCancelled);
+  EXPECT_TRUE(noise.has_value());
+  return noise.value_or(0.0);
+}
+
+TEST(Noise, IsThatOfTheMeanForIndependentSamplesAndLessForOthers) {
+  const auto index = testing::make_index(testing::box());
+  const auto& structures = *std::get<1>(index->structures());
+  const auto walks = [&](uint32_t m, bool independent) {
+    return measured_noise(HarmonicWalks<3>(*structures.distance, {.walks = m, .as_printed = independent}), structures,
+                          m);
+  };
+  const auto rays = [&](uint32_t m) {
+    return measured_noise(RaySamples<3>(structures.cage, *structures.lines, {.rays = m}), structures, m);
+  };
+  // The paper's own discard leaves most of them.
+  EXPECT_NEAR(std::sqrt(200.0) * walks(200, true), 1.0, 0.15);
+  EXPECT_NEAR(walks(200, true) / walks(800, true), 2.0, 0.3);
+  EXPECT_LT(walks(800, false), 0.75 * walks(800, true));
+  EXPECT_LT(rays(200), 0.5 * walks(200, false));
+  EXPECT_GT(rays(50) / rays(400), 5.0);
+}
+
+TEST(Noise, WithoutPointsToMeasureIsThatOfIndependentSamples) {
+  const auto index = testing::make_index(testing::box());
+  const auto& structures = *std::get<1>(index->structures());
+  const HarmonicWalks<3> walks(*structures.distance, {.walks = 25});
+  const PointEstimator<3> estimator(structures.cage, *structures.distance, *structures.winding, walks,
+                                    {.thickness = 1e-3, .seed = 3, .pseudo_samples = PseudoSamples::kAlways});
+  const std::vector<Vec<3>> on_the_cage{structures.cage.control_vertices()[0]};
+  EXPECT_EQ(*relative_noise<3>(estimator, structures.cage, on_the_cage, 25, kNeverCancelled), 0.2);
+  const std::atomic<bool> cancelled = true;
+  EXPECT_FALSE(relative_noise<3>(estimator, structures.cage, on_the_cage, 25, cancelled).has_value());
 }
 
 }  // namespace
