@@ -22,7 +22,7 @@ CageCache::Found CageCache::get(const CageDigest& digest, const Build& build, Wa
   Index held;
   {
     const std::lock_guard lock(mutex_);
-    held = touch(digest);
+    held = held_.find(digest);
     if (!held) {
       const auto [building, first] = building_.try_emplace(digest);
       building->second.push_back(std::move(waiter));
@@ -44,7 +44,8 @@ CageCache::Found CageCache::get(const CageDigest& digest, const Build& build, Wa
     const auto building = building_.find(digest);
     waiters = std::move(building->second);
     building_.erase(building);
-    if (built.ok()) keep(digest, *built, evicted);
+    if (built.ok()) held_.keep(digest, *built, (*built)->bytes(), evicted);
+    stats_.evictions += evicted.size();
   }
   // The first to ask is the one that built.
   for (size_t i = 0; i < waiters.size(); ++i) waiters[i](built, i == 0 ? Found::kBuilt : Found::kJoined);
@@ -55,7 +56,7 @@ CageCache::Found CageCache::find(const CageDigest& digest, Waiter waiter) {
   Index held;
   {
     const std::lock_guard lock(mutex_);
-    held = touch(digest);
+    held = held_.find(digest);
     if (!held) {
       const auto building = building_.find(digest);
       const bool joined = building != building_.end();
@@ -72,12 +73,12 @@ CageCache::Found CageCache::find(const CageDigest& digest, Waiter waiter) {
 
 bool CageCache::contains(const CageDigest& digest) {
   const std::lock_guard lock(mutex_);
-  return touch(digest) != nullptr;
+  return held_.find(digest) != nullptr;
 }
 
 uint64_t CageCache::bytes() const {
   const std::lock_guard lock(mutex_);
-  return bytes_;
+  return held_.bytes();
 }
 
 CageCache::Stats CageCache::stats() const {
@@ -87,29 +88,7 @@ CageCache::Stats CageCache::stats() const {
 
 size_t CageCache::entry_count() const {
   const std::lock_guard lock(mutex_);
-  return entries_.size();
-}
-
-CageCache::Index CageCache::touch(const CageDigest& digest) {
-  const auto found = by_digest_.find(digest);
-  if (found == by_digest_.end()) return nullptr;
-  entries_.splice(entries_.begin(), entries_, found->second);
-  return found->second->index;
-}
-
-void CageCache::keep(const CageDigest& digest, Index index, std::vector<Index>& evicted) {
-  if (index->bytes() > bytes_max_) return;
-  bytes_ += index->bytes();
-  entries_.push_front({digest, std::move(index)});
-  by_digest_[digest] = entries_.begin();
-  while (bytes_ > bytes_max_) {
-    Entry& last = entries_.back();
-    ++stats_.evictions;
-    bytes_ -= last.index->bytes();
-    by_digest_.erase(last.digest);
-    evicted.push_back(std::move(last.index));
-    entries_.pop_back();
-  }
+  return held_.size();
 }
 
 }  // namespace barycast::server

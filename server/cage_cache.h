@@ -11,12 +11,12 @@
 
 #include <cstdint>
 #include <functional>
-#include <list>
 #include <map>
 #include <memory>
 #include <mutex>
 #include <vector>
 
+#include "base/bounded_lru.h"
 #include "base/result.h"
 #include "bind/cage_index.h"
 
@@ -31,7 +31,7 @@ class CageCache {
   // Called exactly once: before get() returns, or later on the thread of another request's build.
   using Waiter = std::function<void(Result<Index>, Found)>;
 
-  explicit CageCache(uint64_t bytes_max) : bytes_max_(bytes_max) {}
+  explicit CageCache(uint64_t bytes_max) : held_(bytes_max) {}
 
   Found get(const CageDigest& digest, const Build& build, Waiter waiter);
   // Never builds; kMissing: the waiter is dropped uncalled.
@@ -49,19 +49,9 @@ class CageCache {
   Stats stats() const;
 
  private:
-  struct Entry {
-    CageDigest digest;
-    Index index;
-  };
-  Index touch(const CageDigest& digest);                                          // under the mutex
-  void keep(const CageDigest& digest, Index index, std::vector<Index>& evicted);  // under the mutex
-
-  const uint64_t bytes_max_;
   mutable std::mutex mutex_;
-  uint64_t bytes_ = 0;
   Stats stats_;
-  std::list<Entry> entries_;  // most recently used first
-  std::map<CageDigest, std::list<Entry>::iterator> by_digest_;
+  BoundedLru<CageDigest, Index> held_;
   std::map<CageDigest, std::vector<Waiter>> building_;
 };
 

@@ -89,9 +89,10 @@ std::variant<ComputeJob::Response, Refusal> ComputeJob::end_of_input(const std::
   if (!plan_) return refuse(invalid_argument("header", "missing; the first message must be the header"));
   Result<QueryInput> queries = assembler_->take();
   if (!queries) return refuse(queries.error());
-  Result<std::unique_ptr<Binding>> binding =
-      Binding::create(index_, std::move(*queries),
-                      {.options = plan_->options, .block_rows = block_rows_, .first_row = plan_->first_row}, cancel);
+  Result<std::unique_ptr<Binding>> binding = Binding::create(
+      index_, std::move(*queries),
+      {.options = plan_->options, .block_rows = block_rows_, .first_row = plan_->first_row, .kernels = &state_.kernels},
+      cancel);
   if (!binding) return refuse(binding.error());
   if (const Status same = check_resumed_smoothing(*plan_, (*binding)->smoothing_time()); !same)
     return refuse(same.error());

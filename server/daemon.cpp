@@ -40,6 +40,7 @@ class GrpcDaemon final : public Daemon {
       : state_{.limits = settings.limits,
                .arena = ComputeArena(settings.threads > 0 ? settings.threads : usable_threads()),
                .cages = CageCache(settings.cache_bytes_max),
+               .kernels = KernelCache(settings.smoothing_cache_bytes_max),
                .admission = Admission(settings.admission),
                .counters = {}},
         service_(make_service(state_)) {}

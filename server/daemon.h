@@ -24,6 +24,7 @@ struct DaemonSettings {
   std::string metrics_listen;              // HOST:PORT, port 0 for any; empty: no metrics page
   int threads = 0;                         // of the compute arena; 0: as many as this process may use
   uint64_t cache_bytes_max = 1ull << 30;
+  uint64_t smoothing_cache_bytes_max = 1ull << 28;
   Limits limits;
   Admission::Bounds admission;
   std::function<Status()> self_test = server::self_test;  // what must pass before the server is ready

@@ -85,6 +85,17 @@ void add_requests(const Counters& counters, Page& page) {
              static_cast<double>(counters.calls_active.load(std::memory_order_relaxed)));
 }
 
+void add_kernels(const KernelCache::Stats& stats, Page& page) {
+  const char* const name = "barycastd_smoothing_cache_lookups_total";
+  const char* const help = "Lookups of factors of denoising: held (hit) or not (miss).";
+  page.counter(name, help, static_cast<double>(stats.hits), {{"result", "hit"}});
+  page.counter(name, help, static_cast<double>(stats.misses), {{"result", "miss"}});
+  page.counter("barycastd_smoothing_cache_evictions_total", "Factors that made room for others.",
+               static_cast<double>(stats.evictions));
+  page.gauge("barycastd_smoothing_cache_bytes", "Memory of the factors held.", static_cast<double>(stats.bytes));
+  page.gauge("barycastd_smoothing_cache_entries", "Factors held.", static_cast<double>(stats.entries));
+}
+
 void add_resources(const ServiceState& state, Page& page) {
   const Admission::Usage usage = state.admission.usage();
   page.gauge("barycastd_admitted_requests", "Requests admitted to work now.", usage.requests);
@@ -104,6 +115,7 @@ void add_resources(const ServiceState& state, Page& page) {
                static_cast<double>(stats.evictions));
   page.gauge("barycastd_cage_cache_bytes", "Memory of the cages held.", static_cast<double>(state.cages.bytes()));
   page.gauge("barycastd_cage_cache_entries", "Cages held.", static_cast<double>(state.cages.entry_count()));
+  add_kernels(state.kernels.stats(), page);
 }
 
 class Collector final : public prometheus::Collectable {

@@ -10,6 +10,7 @@
 #include "compute_arena.h"
 #include "counters.h"
 #include "request_limits.h"
+#include "smooth/kernel_cache.h"
 
 namespace barycast::server {
 
@@ -17,6 +18,7 @@ struct ServiceState {
   const Limits limits;
   ComputeArena arena;
   CageCache cages;
+  KernelCache kernels;  // of denoising
   Admission admission;
   Counters counters;
   std::atomic<bool> ready{false};     // the self-test has passed; until then computations are refused

@@ -13,6 +13,7 @@ void add_limits(CLI::App& app, DaemonSettings& daemon) {
     return app.add_option(name, value, help)->transform(as_bytes)->group("Limits");
   };
   bytes("--cache-bytes", daemon.cache_bytes_max, "Cages kept, in bytes");
+  bytes("--smoothing-cache-bytes", daemon.smoothing_cache_bytes_max, "Factors of denoising kept, in bytes");
   app.add_option("--requests-max", daemon.admission.requests_max, "Requests at work at once")
       ->check(CLI::PositiveNumber)
       ->group("Limits");

@@ -13,6 +13,7 @@
 #include "estimate/noise.h"
 #include "estimate/point_estimator.h"
 #include "estimate/row.h"
+#include "smooth/kernel_cache.h"
 #include "smooth/smoother.h"
 #include "smooth/strength.h"
 
@@ -146,6 +147,29 @@ class BindingOf final : public Binding {
     return times;
   }
 
+  // False: `cancel` was seen set.
+  bool find_kernel(const std::vector<double>& times, const std::atomic<bool>& cancel) {
+    std::optional<Sha256Digest> key;
+    if (settings_.kernels != nullptr) {
+      key = KernelCache::key(queries_.mesh, times);
+      if ((kernel_ = settings_.kernels->find(*key))) return true;
+    }
+    const std::optional<MeshLaplacian> laplacian = polygon_laplacian(queries_.mesh, cancel);
+    if (!laplacian) return false;
+    auto kernel = HeatKernel::create(*laplacian, times);
+    const bool found = kernel.ok();
+    if (!found) {
+      // The faces are at fault, and the rows are right without them, only noisier: the summary says so.
+      summary_.warnings.push_back({"faces", kernel.error().message});
+      kernel = HeatKernel::create(MeshLaplacian{{}, Eigen::VectorXd::Zero(laplacian->area.size()), 0}, times);
+    }
+    const auto without_area = static_cast<size_t>((laplacian->area.array() <= 0.0).count());
+    kernel_ = std::make_shared<const MeshKernel>(
+        MeshKernel{std::move(kernel).value(), laplacian->faces_skipped, without_area});
+    if (found && key) settings_.kernels->keep(*key, kernel_);
+    return true;
+  }
+
   Step factor(const std::atomic<bool>& cancel) {
     const StageTimer timer(summary_.smoothing_factor_s);
     const std::vector<double> times = smoothing_times();
@@ -153,25 +177,16 @@ class BindingOf final : public Binding {
       summary_.warnings.push_back({"smoothing_time",
                                    "denoising averages over a tenth of the cage and more, for the mesh has "
                                    "very long edges; leave them out, or set a smaller time"});
-    const std::optional<MeshLaplacian> assembled = polygon_laplacian(queries_.mesh, cancel);
-    if (!assembled) return Step::kCancelled;
-    const MeshLaplacian& laplacian = *assembled;
-    if (laplacian.faces_skipped > 0)
+    if (!find_kernel(times, cancel)) return Step::kCancelled;
+    if (kernel_->faces_skipped > 0)
       summary_.warnings.push_back(
-          {"faces", std::to_string(laplacian.faces_skipped) +
+          {"faces", std::to_string(kernel_->faces_skipped) +
                         " faces without area (or with more than 256 corners) do not take part in denoising"});
-    if (const auto isolated = (laplacian.area.array() <= 0.0).count(); isolated > 0)
-      summary_.warnings.push_back(
-          {"points", std::to_string(isolated) + " positions belong to no face with area and were not denoised"});
-    auto kernel = HeatKernel::create(laplacian, times);
-    if (!kernel) {
-      // The faces are at fault, and the rows are right without them, only noisier: the summary says so.
-      summary_.warnings.push_back({"faces", kernel.error().message});
-      kernel = HeatKernel::create(MeshLaplacian{{}, Eigen::VectorXd::Zero(laplacian.area.size()), 0}, times);
-    }
-    kernel_.emplace(std::move(kernel).value());
+    if (kernel_->nodes_without_area > 0)
+      summary_.warnings.push_back({"points", std::to_string(kernel_->nodes_without_area) +
+                                                 " positions belong to no face with area and were not denoised"});
     add_counts(fits_->counts(), summary_);
-    smoother_.emplace(cage_, finisher_, *kernel_, *fits_);
+    smoother_.emplace(cage_, finisher_, kernel_->kernel, *fits_);
     progress_ = {Stage::kSmoothing, 0, smoother_->group_count()};
     return Step::kWorking;
   }
@@ -192,7 +207,7 @@ class BindingOf final : public Binding {
     task.points.clear();
     for (size_t i = 0; i < rows.size(); ++i) {
       const uint32_t node = queries_.node_of_point[first + i];
-      if (smoothed() && kernel_->smooths(node)) {
+      if (smoothed() && kernel_->kernel.smooths(node)) {
         smoother_->row(node, rows[i].entries);
         rows[i].flags = fits_->state(node).flags;
         rows[i].error = finisher_.finish(queries_.points[first + i], rows[i].entries);
@@ -239,7 +254,7 @@ class BindingOf final : public Binding {
   std::optional<NodeFits<D>> fits_;
   std::vector<bool> nodes_with_faces_;
   size_t nodes_sampled_ = 0;
-  std::optional<HeatKernel> kernel_;
+  KernelCache::Kernel kernel_;
   std::optional<Smoother<D>> smoother_;
 
   RowBlock block_;

@@ -31,6 +31,8 @@
 
 namespace barycast {
 
+class KernelCache;
+
 // The points to bind, and the faces between them. Points are in the cage's units and frame.
 struct QueryInput {
   std::vector<double> points;          // n x d, row-major
@@ -71,8 +73,9 @@ struct BindingSummary {
 
 struct BindingSettings {
   ResolvedOptions options;
-  uint32_t block_rows = 4096;  // 1 or more
-  uint64_t first_row = 0;      // rows before it are not produced
+  uint32_t block_rows = 4096;      // 1 or more
+  uint64_t first_row = 0;          // rows before it are not produced
+  KernelCache* kernels = nullptr;  // borrowed; null: every denoising factors its own
 };
 
 inline const std::atomic<bool> kNeverCancelled = false;

@@ -1,38 +1,15 @@
 #include "cage/digest.h"
 
-#include <openssl/evp.h>
-
 #include <bit>
-#include <memory>
 #include <string_view>
 #include <vector>
 
-#include "base/check.h"
+#include "base/sha256.h"
 
 namespace barycast {
 namespace {
 
 static_assert(std::endian::native == std::endian::little, "canonical bytes are little-endian");
-
-class Sha256 {
- public:
-  Sha256() : context_(EVP_MD_CTX_new(), EVP_MD_CTX_free) {
-    BARYCAST_CHECK(context_ && EVP_DigestInit_ex(context_.get(), EVP_sha256(), nullptr) == 1);
-  }
-  void add(const void* data, size_t bytes) { BARYCAST_CHECK(EVP_DigestUpdate(context_.get(), data, bytes) == 1); }
-  template <class T>
-  void add(std::span<const T> values) {
-    add(values.data(), values.size_bytes());
-  }
-  std::array<uint8_t, 32> finish() {
-    std::array<uint8_t, 32> result{};
-    BARYCAST_CHECK(EVP_DigestFinal_ex(context_.get(), result.data(), nullptr) == 1);
-    return result;
-  }
-
- private:
-  std::unique_ptr<EVP_MD_CTX, decltype(&EVP_MD_CTX_free)> context_;
-};
 
 constexpr std::string_view kMagic = "BCCAGE01";
 

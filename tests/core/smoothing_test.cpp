@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "smooth/heat.h"
+#include "smooth/kernel_cache.h"
 #include "smooth/laplacian.h"
 #include "smooth/strength.h"
 #include "support/mean_value.h"
@@ -373,6 +374,66 @@ TEST(Smoothing, TimeFollowsEdgesAndSamples) {
   }
   EXPECT_NEAR(chosen_time(mesh, Preset::kPaper, harmonic, 50), (5 - std::log10(50)) * mean, 1e-12);
   EXPECT_NEAR(chosen_time(mesh, Preset::kPaper, mean_value, 1000), 2 * mean, 1e-12);
+}
+
+RowBlock bind_with(KernelCache& kernels, const QueryInput& mesh, const Options& options, BindingSummary& summary) {
+  auto binding = Binding::create(testing::make_index(testing::box()), mesh,
+                                 {.options = *resolve(options, true), .block_rows = 100000, .kernels = &kernels});
+  EXPECT_TRUE(binding.ok());
+  RowBlock rows;
+  for (Binding::Step step = Binding::Step::kWorking; step != Binding::Step::kDone;) {
+    step = (*binding)->advance(kNeverCancelled);
+    if (step == Binding::Step::kBlock) rows = (*binding)->take_block();
+  }
+  summary = (*binding)->summary();
+  return rows;
+}
+
+TEST(KernelCache, AHitChangesNothingButTime) {
+  KernelCache kernels(1 << 24);
+  QueryInput mesh = testing::mesh_of(testing::sphere(16, 0.7));
+  // A point without faces, and a face without area: what is said of them is said again.
+  mesh.points.insert(mesh.points.end(), {0.1, 0.2, 0.3});
+  mesh.face_corners.insert(mesh.face_corners.end(), {0, 0, 1});
+  mesh.face_offsets.push_back(static_cast<uint32_t>(mesh.face_corners.size()));
+  BindingSummary first, second, other;
+  const RowBlock a = bind_with(kernels, mesh, {}, first), b = bind_with(kernels, mesh, {}, second);
+  EXPECT_EQ(kernels.stats().hits, 1u);
+  EXPECT_EQ(kernels.stats().misses, 1u);
+  EXPECT_EQ(a.values, b.values);
+  EXPECT_EQ(a.values, testing::bind_or_die(testing::make_index(testing::box()), mesh, {}).values);
+  ASSERT_EQ(first.warnings.size(), 2u);
+  ASSERT_EQ(second.warnings.size(), 2u);
+  for (size_t i = 0; i < 2; ++i) EXPECT_EQ(first.warnings[i].message, second.warnings[i].message);
+  // Another time, another position, another face: another kernel.
+  const Options later{.smoothing_time = 1e-3};
+  bind_with(kernels, mesh, later, other);
+  EXPECT_EQ(kernels.stats().misses, 2u);
+  mesh.points[0] += 1e-9;
+  bind_with(kernels, mesh, later, other);
+  EXPECT_EQ(kernels.stats().misses, 3u);
+  std::swap(mesh.face_corners[0], mesh.face_corners[1]);
+  bind_with(kernels, mesh, later, other);
+  EXPECT_EQ(kernels.stats().misses, 4u);
+  EXPECT_EQ(kernels.stats().entries, 4u);
+}
+
+TEST(KernelCache, KeepsWithinItsBytes) {
+  const QueryInput mesh = testing::mesh_of(testing::sphere(16, 0.7));
+  BindingSummary summary;
+  KernelCache large(1 << 24);
+  bind_with(large, mesh, {}, summary);
+  const uint64_t one = large.stats().bytes;
+  KernelCache small(one + one / 2), none(one - 1);
+  for (const double time : {1e-3, 2e-3, 1e-3}) {
+    bind_with(small, mesh, {.smoothing_time = time}, summary);
+    bind_with(none, mesh, {.smoothing_time = time}, summary);
+    EXPECT_LE(small.stats().bytes, one + one / 2);
+  }
+  EXPECT_EQ(small.stats().entries, 1u);
+  EXPECT_EQ(small.stats().evictions, 2u);
+  EXPECT_EQ(small.stats().hits, 0u);
+  EXPECT_EQ(none.stats().entries, 0u);
 }
 
 }  // namespace

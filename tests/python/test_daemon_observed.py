@@ -6,8 +6,10 @@ import time
 
 import grpc
 import pytest
+from barycast import Client, load_model
 from barycast.v1 import barycast_pb2
 from daemon import Daemon, run, tetrahedron
+from shapes import box_cage, grid_text
 
 
 def refused(call):
@@ -93,6 +95,21 @@ def test_metrics_add_up(real_daemon, tmp_path):
     assert page["barycastd_requests_active"] == 0
     [build] = [name for name in page if name.startswith("barycastd_build_info")]
     assert 'version="' in build and 'numerics_version="' in build
+
+
+def test_factors_of_denoising_are_counted(real_daemon, tmp_path):
+    model_file = tmp_path / "model.obj"
+    model_file.write_text(grid_text(10))
+    model = load_model(model_file)
+    with Daemon(real_daemon, tmp_path) as daemon:
+        with Client(daemon.address) as client:
+            rows = [client.bind(box_cage(), model.points, model.faces, samples=5).matrix.data.tobytes() for _ in range(2)]
+        page = daemon.settled_metrics()
+    assert rows[0] == rows[1]
+    assert page['barycastd_smoothing_cache_lookups_total{result="miss"}'] == 1
+    assert page['barycastd_smoothing_cache_lookups_total{result="hit"}'] == 1
+    assert page["barycastd_smoothing_cache_entries"] == 1 and page["barycastd_smoothing_cache_bytes"] > 0
+    assert page["barycastd_smoothing_cache_evictions_total"] == 0
 
 
 def test_overload_is_counted(real_daemon, tmp_path):
