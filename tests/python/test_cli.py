@@ -99,6 +99,7 @@ def test_progress_on_a_terminal_only(fake_daemon, environment, tmp_path, box):
 @pytest.mark.parametrize("arguments", [
     [], ["bind"], ["bind", "a.obj", "b.obj"], ["bind", "a.obj", "b.obj", "-o", "c.npz", "--coordinates", "no"],
     ["bind", "a.obj", "b.obj", "-o", "c.npz", "--samples", "many"], ["view"], ["inspect", "a.npz", "--cage", "b.obj"],
+    ["bind", "a.obj", "b.obj", "-o", "c.npz", "--sample", "20"], ["inspect", "a.npz", "--js"], ["--vers"],
 ])
 def test_usage_errors(environment, arguments):
     done = run(environment, *arguments)

@@ -147,7 +147,7 @@ def test_bad_input(cpp, real_daemon, tmp_path):
 @pytest.mark.parametrize("arguments", [
     [], ["a.obj"], ["a.obj", "b.obj"], ["a.obj", "b.obj", "-o", "c.npz", "--coordinates", "no"],
     ["a.obj", "b.obj", "-o", "c.npz", "--samples", "many"], ["a.obj", "b.obj", "-o", "c.npz", "--samples", "-5"],
-    ["a.obj", "b.obj", "c.obj", "-o", "c.npz"],
+    ["a.obj", "b.obj", "c.obj", "-o", "c.npz"], ["a.obj", "b.obj", "-o", "c.npz", "--sample", "20"],
 ])
 def test_usage_errors(cpp, arguments):
     refused(cpp(*arguments), 2, "--help")
