@@ -130,6 +130,31 @@ def test_input_errors(fake_daemon, environment, tmp_path, box):
     assert not out.exists()
 
 
+def test_the_output_is_no_input(fake_daemon, environment, tmp_path, box):
+    cage, model = box
+    out, _ = bound(environment, tmp_path, box)
+    pose = write_pose(tmp_path)
+    (tmp_path / "folder").mkdir()
+    linked, bound_link, model_link = tmp_path / "linked.obj", tmp_path / "linked.npz", tmp_path / "model.npz"
+    linked.symlink_to(model), bound_link.symlink_to(out), model_link.symlink_to(model)
+    before = {path: path.read_bytes() for path in (cage, model, out, pose)}
+    for output in (model, tmp_path / "folder" / ".." / "model.obj", linked, pose, out, bound_link):
+        refused(run(environment, "deform", out, pose, model, "-o", output), 3, f"{output}: would overwrite the input",
+                "choose another name")
+    refused(run(environment, "deform", out, pose, linked, "-o", model), 3, "would overwrite the input", "another name")
+    refused(run(environment, "bind", cage, model, "-o", model_link), 3, "model.npz: would overwrite", "another name")
+    for archive in ("cage", "model"):  # a binding's ending is a model's, too
+        np.savez(tmp_path / f"{archive}s.npz", points=box_vertices(), quads=BOX_QUADS)
+        inputs = {"cage": cage, "model": model, archive: tmp_path / f"{archive}s.npz"}
+        before[inputs[archive]] = inputs[archive].read_bytes()
+        refused(run(environment, "bind", inputs["cage"], inputs["model"], "-o", inputs[archive]), 3,
+                f"{archive}s.npz: would overwrite", "choose another name")
+    assert {path: path.read_bytes() for path in before} == before
+    posed = tmp_path / "posed.obj"  # an output that is there may be overwritten
+    for _ in range(2):
+        assert run(environment, "deform", out, pose, model, "-o", posed).returncode == 0
+
+
 @pytest.mark.parametrize("kind", ["mean-value", "positive-mean-value"])
 def test_kinds_that_the_server_lacks(fake_daemon, environment, tmp_path, box, kind):
     out = tmp_path / "bind.npz"

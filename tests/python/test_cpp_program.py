@@ -158,6 +158,15 @@ def test_help(cpp):
     assert done.returncode == 0 and "--server" in done.stdout and done.stderr == ""
 
 
+
+
+def test_the_output_is_no_input(cpp, real_daemon, tmp_path):
+    cage, model = write_box(tmp_path)
+    for name, path in (("c.npz", cage), ("m.npz", model)):
+        (tmp_path / name).symlink_to(path)
+        before = path.read_bytes()
+        refused(cpp(cage, model, "-o", tmp_path / name), 3, f"{name}: would overwrite the input {path}", "another name")
+        assert path.read_bytes() == before
 def test_server_errors(cpp, environment, tmp_path):
     cage, model = write_box(tmp_path)
     daemon = tmp_path / "daemon"

@@ -57,7 +57,9 @@ class Signals {
 };
 
 Result<client::Binding> bind_model(const Arguments& arguments, const std::stop_token& stop) {
-  if (client::Status s = client::check_output(arguments.output); !s) return s.error();
+  if (client::Status s = client::check_output(arguments.output, {arguments.cage, arguments.model}); !s) {
+    return s.error();
+  }
   const Result<Model> cage_file = read_obj(arguments.cage);
   if (!cage_file) return cage_file.error();
   const Result<client::Cage> cage = to_cage(*cage_file);

@@ -21,7 +21,7 @@ from .report import capability_lines, capability_values, linear_precision_error,
 def bind(arguments: argparse.Namespace) -> None:
     """Computes a binding and writes it, or says what it would cost."""
     if not arguments.estimate:
-        files.check_binding_output(arguments.output)
+        files.check_binding_output(arguments.output, (arguments.cage, arguments.model))
     cage = load_cage(arguments.cage)
     model = load_model(arguments.model)
     points = points_for(model, cage.dimension)
@@ -51,7 +51,7 @@ def bind(arguments: argparse.Namespace) -> None:
 
 def deform(arguments: argparse.Namespace) -> None:
     """Poses a model."""
-    files.check_output(arguments.output)
+    files.check_output(arguments.output, (arguments.binding, arguments.posed_cage, arguments.model))
     binding = Binding.load(arguments.binding)
     posed = load_model(arguments.posed_cage)
     model = load_model(arguments.model)
