@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import scipy.sparse
 from conftest import real_daemon_path
-from running import COMMAND, run, run_on_terminal, write_box, write_pose
+from running import BAD_ADDRESSES, COMMAND, run, run_on_terminal, write_box, write_pose
 from shapes import BOX_QUADS, box_vertices, obj_text, points_inside
 
 from barycast import Binding, load_model
@@ -128,6 +128,15 @@ def test_input_errors(fake_daemon, environment, tmp_path, box):
     refused(run(environment, "bind", cage, model, "-o", out, "--samples", "-5"), 3, "options.samples")
     refused(run(environment, "bind", cage, model, "-o", out, "--samples", "200000"), 3, "options.samples", "> 100000")
     assert not out.exists()
+
+
+@pytest.mark.parametrize("verb, address", [("bind", ""), *(("capabilities", address) for address in BAD_ADDRESSES[:6])])
+def test_bad_addresses_are_refused_at_once(environment, tmp_path, verb, address):
+    arguments = ["absent.obj", "absent.obj", "-o", tmp_path / "b.npz"] if verb == "bind" else []
+    started = time.monotonic()
+    done = run(environment, verb, *arguments, "--server", address)
+    refused(done, 3, f'server: "{address}" is no address', "HOST:PORT", "from 1 to 65535", "[::1]:PORT", "unix:PATH")
+    assert time.monotonic() - started < 8  # it would wait for 15
 
 
 def test_the_output_is_no_input(fake_daemon, environment, tmp_path, box):

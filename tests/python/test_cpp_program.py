@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.sparse
-from running import run, write_box
+from running import BAD_ADDRESSES, run, run_on_terminal, write_box
 from shapes import BOX_QUADS, box_vertices, grid_text, obj_text, points_inside, polygon_cage_text
 
 from barycast import Binding, load_cage
@@ -158,6 +158,18 @@ def test_help(cpp):
     assert done.returncode == 0 and "--server" in done.stdout and done.stderr == ""
 
 
+@pytest.mark.parametrize("address", BAD_ADDRESSES)
+def test_bad_addresses_are_refused_at_once(cpp, tmp_path, address):
+    started = time.monotonic()
+    done = cpp("absent.obj", "absent.obj", "-o", tmp_path / "b.npz", "--server", address)
+    refused(done, 3, f'server: "{address}" is no address', "HOST:PORT", "from 1 to 65535", "[::1]:PORT", "unix:PATH")
+    assert time.monotonic() - started < 8  # it would wait for 15
+
+
+@pytest.mark.parametrize("form", ["127.0.0.1:{}", "dns:///localhost:{}", "ipv4:127.0.0.1:1,127.0.0.1:{}"])
+def test_addresses_that_reach_a_server(cpp, fake, tmp_path, form):
+    done = cpp(*write_box(tmp_path), "-o", tmp_path / "b.npz", "--server", form.format(fake.port))
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_the_output_is_no_input(cpp, real_daemon, tmp_path):

@@ -43,8 +43,9 @@ Failure CallContext::failure(const grpc::Status& status) const {
   return to_failure(status);
 }
 
-Connection::Connection(const ClientSettings& settings)
-    : settings_(settings), stub_(v1::BarycastService::NewStub(connect(settings.address))) {}
+Connection::Connection(const ClientSettings& settings) : settings_(settings), valid_(check_address(settings.address)) {
+  if (valid_) stub_ = v1::BarycastService::NewStub(connect(settings.address));
+}
 
 Outcome Connection::capabilities(const Retry& retry, Capabilities& result) {
   {
@@ -105,6 +106,7 @@ bool Connection::again(Retry& retry, const Failure& failure) {
 }
 
 Outcome Connection::retried(Retry& retry, const std::function<Outcome()>& attempt) {
+  if (!valid_) return Failure{.error = valid_.error()};
   for (;;) {
     Outcome failure = attempt();
     if (!failure || !again(retry, *failure)) return failure;
@@ -112,6 +114,7 @@ Outcome Connection::retried(Retry& retry, const std::function<Outcome()>& attemp
 }
 
 Outcome Connection::retried(Retry& retry, const Cage& cage, const std::function<Outcome(CageBy)>& attempt) {
+  if (!valid_) return Failure{.error = valid_.error()};
   CageBy by = CageBy::kDigest;
   for (;;) {
     Outcome failure;

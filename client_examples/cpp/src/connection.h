@@ -60,7 +60,8 @@ class Connection {
   bool again(Retry& retry, const Failure& failure);
 
   const ClientSettings settings_;
-  std::unique_ptr<v1::BarycastService::Stub> stub_;
+  const Status valid_;                               // what is wrong with the address
+  std::unique_ptr<v1::BarycastService::Stub> stub_;  // none, where something is
   std::mutex mutex_;
   std::optional<Capabilities> capabilities_;
 };

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from typing import Any, Dict, Iterator, Optional
 
 from . import files
+from .address import check_address
 from .binding import Binding
 from .client import Client
 from .errors import InputError
@@ -22,6 +23,8 @@ def bind(arguments: argparse.Namespace) -> None:
     """Computes a binding and writes it, or says what it would cost."""
     if not arguments.estimate:
         files.check_binding_output(arguments.output, (arguments.cage, arguments.model))
+    if arguments.server is not None:
+        check_address(arguments.server)  # before files are read
     cage = load_cage(arguments.cage)
     model = load_model(arguments.model)
     points = points_for(model, cage.dimension)

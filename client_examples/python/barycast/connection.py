@@ -10,6 +10,7 @@ import grpc
 
 from barycast.v1 import barycast_pb2_grpc
 
+from .address import check_address
 from .errors import BarycastError, translated
 from .flows import Call, Flow, Memory, Pause
 from .local_server import LocalServer
@@ -32,10 +33,11 @@ _abandoned: List[object] = []
 
 
 class Endpoint:
-    """Where the server is: the given address, or a private local server, started by `start`."""
+    """Where the server is: the given address, or a private local server, started by `start`. Throws InputError on an
+    address that none can have."""
 
     def __init__(self, address: Optional[str], threads: Optional[int]) -> None:
-        self._given = address
+        self._given = None if address is None else check_address(address)
         self._threads = threads
         self.local: Optional[LocalServer] = None
 

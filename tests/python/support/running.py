@@ -19,6 +19,13 @@ from shapes import BOX_QUADS, box_vertices, obj_text, points_inside
 COMMAND = [sys.executable, "-m", "barycast"]
 
 
+# What no server can have for an address.
+BAD_ADDRESSES = ["", "127.0.0.1", "127.0.0.1:port", "127.0.0.1:99999", "http://127.0.0.1:50051", "127.0.0.1:0",
+                 "127.0.0.1:", "127.0.0.1:-1", ":50051", "50051", "::1:50051", "[::1]", "127.0.0.1:50051/", "a b:50051",
+                 "unix:", "dns:///localhost", "dns:///localhost:0", "dns://8.8.8.8", "ipv4:127.0.0.1",
+                 "ipv4:127.0.0.1:1,127.0.0.1", "passthrough:///127.0.0.1:50051"]
+
+
 @contextmanager
 def serving(daemon: Path, *flags: object) -> Iterator[int]:
     """The port on loopback of a daemon with these flags."""
