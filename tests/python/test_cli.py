@@ -233,7 +233,12 @@ def test_deform_refuses_what_does_not_fit(fake_daemon, environment, tmp_path, bo
     flipped = tmp_path / "flipped.obj"  # other faces, same vertices: only positions matter
     flipped.write_text(obj_text(box_vertices(), BOX_QUADS[:, ::-1]))
     assert run(environment, "deform", out, flipped, model, "-o", posed).returncode == 0
-    assert "is not the cage" in run(environment, "inspect", out, "--cage", flipped, "--model", model).stdout
+    done = run(environment, "inspect", out, "--cage", flipped, "--model", model)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith(f"warning: {flipped}: is not the cage that was bound\n50 points, ")
+    done = run(environment, "inspect", out, "--cage", flipped, "--model", model, "--json")
+    assert json.loads(done.stdout)["warnings"][0] == {"field": str(flipped),
+                                                       "message": "is not the cage that was bound"}
 
 
 def test_server_errors(environment, tmp_path, box):

@@ -80,6 +80,7 @@ def inspect(arguments: argparse.Namespace) -> None:
     """Shows what a binding holds."""
     binding = Binding.load(arguments.binding)
     values: Dict[str, Any] = {**binding.report, **statistics(binding), "cage_digest": binding.cage_digest}
+    warnings: List[str] = []
     lines = summary_lines(binding) + [f"cage: {binding.cage_digest}"]
     options = binding.report["options"]
     lines.append("options: " + ", ".join(f'{name.replace("_", " ")} {value}' for name, value in options.items()))
@@ -95,8 +96,10 @@ def inspect(arguments: argparse.Namespace) -> None:
         values["linear_precision_error_stored"] = error
         lines.append(f"linear-precision error of the stored rows: {error:.1e} diagonals")
         if cage.digest.sha256.hex() != binding.cage_digest:
-            lines.append(f"warning: {arguments.cage}: is not the cage that was bound")
-    print(json.dumps(values, indent=2) if arguments.json else "\n".join(lines))
+            message = "is not the cage that was bound"  # it may be a pose of it
+            warnings.append(f"warning: {arguments.cage}: {message}")
+            values["warnings"] = [{"field": arguments.cage, "message": message}, *binding.report["warnings"]]
+    print(json.dumps(values, indent=2) if arguments.json else "\n".join(warnings + lines))
 
 
 @contextmanager
