@@ -41,6 +41,7 @@ TEST_F(Verbs, Capabilities) {
   EXPECT_GT(result->message_bytes_max, 0u);
   EXPECT_GT(result->numerics_version, 0u);
   EXPECT_FALSE(result->build_version.empty());
+  EXPECT_TRUE(client_.answered());
 }
 
 TEST_F(Verbs, UploadAnswersOurDigest) {
@@ -185,6 +186,8 @@ TEST(Nobody, Answers) {
   ASSERT_FALSE(result);
   EXPECT_EQ(result.error().code, Code::kUnavailable);
   EXPECT_FALSE(result.error().is_input);
+  EXPECT_NE(result.error().message.find("is barycastd running, and the address right?"), std::string::npos);
+  EXPECT_FALSE(client.answered());
   EXPECT_LT(std::chrono::steady_clock::now() - start, milliseconds(10'000));
 }
 

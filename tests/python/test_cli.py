@@ -251,6 +251,25 @@ def test_server_errors(environment, tmp_path, box):
                 "--retry-seconds", "0.3"), 4)
 
 
+def test_waiting_for_a_server_is_said_on_a_terminal(environment, tmp_path, box):
+    where = f"unix:{tmp_path}/none"
+    arguments = ("bind", *box, "-o", tmp_path / "b.npz", "--server", where, "--retry-seconds", "3.5")
+    line = f"waiting for a server at {where} (up to 3.5 s)"
+    code, shown = run_on_terminal(environment, *arguments)
+    assert code == 4 and shown.count(line) == 1 and "%" not in shown
+    assert shown.index(line) < shown.index("is barycastd running, and the address right?")
+    assert line in run_on_terminal(environment, "capabilities", *arguments[5:])[1]
+    assert "waiting for a server" not in run_on_terminal(environment, *arguments, "--quiet")[1]
+    refused(run(environment, *arguments), 4, "is barycastd running, and the address right?")
+
+
+def test_no_waiting_line_while_a_server_works(fake, behaviour, environment, tmp_path):
+    cage, model = write_box(tmp_path, 2500)
+    behaviour.row_seconds = 1.0
+    code, shown = run_on_terminal(environment, "bind", cage, model, "-o", tmp_path / "b.npz", "--server", fake.address)
+    assert code == 0 and "waiting for a server" not in shown
+
+
 @pytest.mark.parametrize("number, code", [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_interrupted(fake_daemon, environment, tmp_path, number, code):
     cage, model = write_box(tmp_path, 5000)

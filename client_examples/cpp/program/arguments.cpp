@@ -40,7 +40,8 @@ ParsedArguments parse_arguments(int argc, char** argv) {
   const CLI::Option* const named =
       app.add_option("--server", server, "HOST:PORT or unix:/path (default: a private barycastd is started)");
   app.add_option("--retry-seconds", arguments.retry_s, "How much time lost connections and busy answers may cost")
-      ->check(CLI::Range(0.0, 86'400.0));
+      ->check(CLI::Range(0.0, 86'400.0))
+      ->capture_default_str();
   app.add_flag("--quiet", arguments.quiet, "Print nothing but errors");
 
   try {

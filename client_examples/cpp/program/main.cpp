@@ -85,6 +85,7 @@ Result<client::Binding> bind_model(const Arguments& arguments, const std::stop_t
     settings.retry_time_max = kPrivateRetryMax;
   }
   client::Client client(settings);
+  const WaitingLine waiting(client, arguments);
   ProgressBar bar(arguments.quiet);
   Result<client::Binding> binding = client.bind(
       *cage, {std::span<const double>(*points), cage->dimension()}, model->faces, arguments.options,

@@ -60,6 +60,7 @@ Outcome Connection::capabilities(const Retry& retry, Capabilities& result) {
   const grpc::Status status = stub_->GetCapabilities(&context.get(), {}, &response);
   if (!status.ok()) return context.failure(status);
   result = from_message(response);
+  answered_ = true;
   const std::lock_guard lock(mutex_);
   capabilities_ = result;
   return std::nullopt;
@@ -83,6 +84,7 @@ Outcome Connection::upload(const Cage& cage, const Retry& retry, Uploaded& resul
   writer->WritesDone();
   const grpc::Status status = writer->Finish();
   if (!status.ok()) return context.failure(status);
+  answered_ = true;
   result = from_message(response);
   return std::nullopt;
 }
@@ -93,12 +95,14 @@ Outcome Connection::estimate(const v1::EstimateCostRequest& request, const Cage&
   v1::EstimateCostResponse response;
   const grpc::Status status = stub_->EstimateCost(&context.get(), request, &response);
   if (!status.ok()) return context.failure(status);
+  answered_ = true;
   result = {response.memory_bytes(), response.samples(), response.output_bytes()};
   return std::nullopt;
 }
 
 bool Connection::again(Retry& retry, const Failure& failure) {
   if (failure.error.code == Code::kUnavailable) {
+    answered_ = false;
     const std::lock_guard lock(mutex_);
     capabilities_.reset();
   }

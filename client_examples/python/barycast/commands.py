@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from contextlib import contextmanager
-from typing import Any, Dict, Iterator, Optional
+import threading
+from contextlib import ExitStack, contextmanager
+from typing import Any, Dict, Iterator, List, Optional
 
 from . import files
 from .address import check_address
@@ -17,6 +18,9 @@ from .exchange import ProgressCallback
 from .mesh_io import load_cage, load_model, points_for, save_model
 from .options import compute_options, output_options
 from .report import capability_lines, capability_values, linear_precision_error, statistics, summary_lines
+
+_WAIT_SECONDS_UNTOLD = 2.0  # longer than a daemon on this machine or a name's resolution takes
+_POLL_SECONDS = 0.02
 
 
 def bind(arguments: argparse.Namespace) -> None:
@@ -35,7 +39,7 @@ def bind(arguments: argparse.Namespace) -> None:
                               arguments.denoise, arguments.thickness, arguments.walk_steps_max, arguments.prune_below,
                               estimator=arguments.estimator, panels=arguments.panels)
     output = output_options(arguments.dtype, arguments.gradients, arguments.influences)
-    with Client(arguments.server, retry_seconds=arguments.retry_seconds) as client:
+    with Client(arguments.server, retry_seconds=arguments.retry_seconds) as client, _waiting_line(client, arguments):
         if arguments.estimate:
             cost = client.estimate(cage, len(points), model.faces, options, output)
             values = {name: int(getattr(cost, name)) for name in ("memory_bytes", "samples", "output_bytes")}
@@ -71,7 +75,7 @@ def deform(arguments: argparse.Namespace) -> None:
 
 def capabilities(arguments: argparse.Namespace) -> None:
     """Shows what a server computes and refuses."""
-    with Client(arguments.server, retry_seconds=arguments.retry_seconds) as client:
+    with Client(arguments.server, retry_seconds=arguments.retry_seconds) as client, _waiting_line(client, arguments):
         answer = client.capabilities()
     print(json.dumps(capability_values(answer), indent=2) if arguments.json else "\n".join(capability_lines(answer)))
 
@@ -103,6 +107,33 @@ def inspect(arguments: argparse.Namespace) -> None:
 
 
 @contextmanager
+def _waiting_line(client: Client, arguments: argparse.Namespace) -> Iterator[None]:
+    """While a server that was named does not answer for a while, one line on standard error says so, where somebody
+    watches."""
+    done = threading.Event()
+
+    def watch() -> None:
+        waited = 0.0
+        while waited < _WAIT_SECONDS_UNTOLD:
+            if done.wait(_POLL_SECONDS):
+                return
+            waited = 0.0 if client.connection.memory.answered else waited + _POLL_SECONDS
+        print(f"\r\x1b[Kwaiting for a server at {arguments.server} (up to {arguments.retry_seconds:g} s)",
+              file=sys.stderr, flush=True)
+
+    if arguments.server is None or getattr(arguments, "quiet", False) or not sys.stderr.isatty():
+        yield
+        return
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        done.set()
+        watcher.join()
+
+
+@contextmanager
 def _progress_bar(quiet: bool) -> Iterator[Optional[ProgressCallback]]:
     """A progress callback that draws on standard error, or None when nobody watches."""
     try:
@@ -112,9 +143,14 @@ def _progress_bar(quiet: bool) -> Iterator[Optional[ProgressCallback]]:
     if tqdm is None or quiet or not sys.stderr.isatty():
         yield None
         return
-    with tqdm(total=1, leave=False, bar_format="{desc:<10}{percentage:3.0f}%|{bar}| {elapsed}") as bar:
+    with ExitStack() as stack:
+        bars: List[Any] = []
 
         def show(stage: str, done: int, total: int) -> None:
+            if not bars:  # not before there is anything to show
+                bars.append(stack.enter_context(
+                    tqdm(total=1, leave=False, bar_format="{desc:<10}{percentage:3.0f}%|{bar}| {elapsed}")))
+            [bar] = bars
             bar.set_description_str(stage, refresh=False)
             bar.total, bar.n = max(total, 1), done
             bar.refresh()

@@ -118,11 +118,11 @@ class Connection:
         if self._pid != os.getpid():
             self._close_channel()
             self._open()
-        with translated():
+        with self.memory.listening(), translated():
             return getattr(self._stub, call.method)(call.request, timeout=call.timeout, metadata=call.metadata)
 
     def _pause(self, pause: Pause) -> None:
-        self.memory.capabilities = None
+        self.memory.forget()
         time.sleep(pause.seconds)
         if self._endpoint.start():
             self._close_channel()
