@@ -133,7 +133,7 @@ Result<std::unique_ptr<Daemon>> Daemon::start(const DaemonSettings& settings) {
   return Result<std::unique_ptr<Daemon>>(std::move(daemon));
 }
 
-bool probe(const std::string& address, std::chrono::milliseconds timeout) {
+Health probe(const std::string& address, std::chrono::milliseconds timeout) {
   const auto channel = grpc::CreateChannel(address, grpc::InsecureChannelCredentials());
   const auto stub = grpc::health::v1::Health::NewStub(channel);
   grpc::ClientContext context;
@@ -141,8 +141,13 @@ bool probe(const std::string& address, std::chrono::milliseconds timeout) {
   grpc::health::v1::HealthCheckRequest request;
   request.set_service(kServiceName);
   grpc::health::v1::HealthCheckResponse response;
-  return stub->Check(&context, request, &response).ok() &&
-         response.status() == grpc::health::v1::HealthCheckResponse::SERVING;
+  const grpc::Status status = stub->Check(&context, request, &response);
+  if (status.error_code() == grpc::StatusCode::UNAVAILABLE ||
+      status.error_code() == grpc::StatusCode::DEADLINE_EXCEEDED) {
+    return Health::kNoAnswer;
+  }
+  const bool serves = status.ok() && response.status() == grpc::health::v1::HealthCheckResponse::SERVING;
+  return serves ? Health::kServing : Health::kNotServing;
 }
 
 }  // namespace barycast::server

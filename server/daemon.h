@@ -54,7 +54,10 @@ class Daemon {
   virtual void stop(std::chrono::milliseconds grace) = 0;
 };
 
-// Asks the server at `address` for its health: true when it says SERVING within `timeout`.
-bool probe(const std::string& address, std::chrono::milliseconds timeout);
+// What a server says about its health; kNoAnswer: nothing listens, or it said nothing in time.
+enum class Health { kServing, kNotServing, kNoAnswer };
+
+// Asks the server at `address`, for at most `timeout`.
+Health probe(const std::string& address, std::chrono::milliseconds timeout);
 
 }  // namespace barycast::server

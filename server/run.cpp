@@ -130,9 +130,13 @@ int run(int argc, char** argv) {
   if (config.print_config) return print_config(config);
   if (config.self_test) return run_self_test();
   if (!config.probe.empty()) {
-    const bool serves = probe(config.probe, kProbeTimeout);
-    std::puts(serves ? "SERVING" : "NOT_SERVING");
-    return serves ? 0 : 1;
+    const Health health = probe(config.probe, kProbeTimeout);
+    if (health == Health::kNoAnswer) {
+      std::fprintf(stderr, "barycastd: no server answers at %s\n", config.probe.c_str());
+    } else {
+      std::puts(health == Health::kServing ? "SERVING" : "NOT_SERVING");
+    }
+    return health == Health::kServing ? 0 : 1;
   }
   init_log(config.log_format == "json" ? LogFormat::kJson : LogFormat::kText, config.log_level);
   return serve(config, signals);

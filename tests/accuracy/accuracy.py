@@ -18,7 +18,7 @@ from pathlib import Path
 import checkout  # before barycast: where it is
 import numpy as np
 
-from barycast import BarycastError, Client, InputError, load_cage, load_model
+from barycast import BarycastError, Client, InputError, files, load_cage, load_model
 from measure import measure
 from query_sets import NAMES, make_query_set
 from references import NoReference, References, row_error
@@ -140,6 +140,8 @@ def main():
     arguments = arguments_of(sys.argv[1:])
     started = time.monotonic()
     try:
+        for output in filter(None, (arguments.json, arguments.plot)):  # before anything is measured
+            files.check_output(output, (arguments.cage, arguments.model))
         cage, model = load_cage(arguments.cage), load_model(arguments.model)
         if cage.dimension != 3:
             sys.exit(f"accuracy.py: {arguments.cage}: cages in space only")

@@ -25,6 +25,7 @@ import numpy as np
 from surface import Elements
 
 TIMEOUT_SECONDS = 1800
+METHODS = {"mean-value": "mean_value", "positive-mean-value": "positive"}  # of reference_rows
 
 
 class NoReference(Exception):
@@ -106,8 +107,8 @@ class References:
             if len(self._cage.quads) == 0:
                 binding = self._solve(points, kind, estimator="exact")
                 return Reference(binding.matrix.toarray(), 0.0, "closed form", dense_gradients(binding), 0.0)
-            return Reference(self._rows("mean_value", 0, points), 0.0, "quadrature")
-        fine, coarse = (self._rows("positive", count, points) for count in (self._directions, self._directions // 4))
+            return Reference(self._rows(kind, 0, points), 0.0, "quadrature")
+        fine, coarse = (self._rows(kind, count, points) for count in (self._directions, self._directions // 4))
         return Reference(fine, row_error(coarse, fine), f"visibility, {self._directions} directions")
 
     def _on_cage(self, kind, points, basis):
@@ -132,21 +133,21 @@ class References:
         return self._client.bind(self._cage, points, coordinates=kind, gradients=True, dtype="float64",
                                  prune_below=0.0, **options)
 
-    def _rows(self, method, argument, points):
+    def _rows(self, kind, argument, points):
         """By reference_rows. It takes triangles and quads: polygons go as fans about a vertex of their own, whose
         column is then handed on to the corners."""
         if not self._program.exists():
-            raise NoReference(f"{method}: there is no program {self._program}; build the target reference_rows or name "
-                              "it with --reference-rows")
+            raise NoReference(f"{kind}: there is no program {self._program}; build it by `cmake --build build "
+                              "--target reference_rows` or name it with --reference-rows")
         elements = self._elements
         with tempfile.TemporaryDirectory() as folder:
             job, out = Path(folder) / "job", Path(folder) / "rows"
             write_job(job, elements, points)
-            done = subprocess.run([self._program, job, method, str(argument), out], capture_output=True, text=True,
-                                  timeout=TIMEOUT_SECONDS)
+            done = subprocess.run([self._program, job, METHODS[kind], str(argument), out], capture_output=True,
+                                  text=True, timeout=TIMEOUT_SECONDS)
             if done.returncode:
-                raise NoReference(f"{method}: {done.stderr.strip()}")
+                raise NoReference(f"{kind}: {done.stderr.strip()}")
             rows = np.fromfile(out, "<f8").reshape(len(points), len(elements.nodes))
         if not np.isfinite(rows).all():
-            raise NoReference(f"{method}: a row is not a number")
+            raise NoReference(f"{kind}: a row is not a number")
         return rows @ elements.stencil

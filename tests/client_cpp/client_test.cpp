@@ -41,6 +41,7 @@ TEST_F(Verbs, Capabilities) {
   EXPECT_GT(result->message_bytes_max, 0u);
   EXPECT_GT(result->numerics_version, 0u);
   EXPECT_FALSE(result->build_version.empty());
+  EXPECT_TRUE(client_.answered());
 }
 
 TEST_F(Verbs, UploadAnswersOurDigest) {
@@ -185,7 +186,61 @@ TEST(Nobody, Answers) {
   ASSERT_FALSE(result);
   EXPECT_EQ(result.error().code, Code::kUnavailable);
   EXPECT_FALSE(result.error().is_input);
+  EXPECT_NE(result.error().message.find("is barycastd running, and the address right?"), std::string::npos);
+  EXPECT_FALSE(client.answered());
   EXPECT_LT(std::chrono::steady_clock::now() - start, milliseconds(10'000));
+}
+
+TEST(Addresses, AreTaken) {
+  const char* const addresses[] = {
+      "127.0.0.1:1",    "localhost:65535",      "my_host:50051",  "[::1]:50051",
+      "unix:socket",    "unix:///a/b",          "unix:/a b",      "unix-abstract:name",
+      "dns:host:50051", "dns:///host:50051",    "dns:///[::1]:1", "dns://8.8.8.8/host:50051",
+      "ipv4:1.2.3.4:1", "ipv4:127.0.0.1:1,h:2", "ipv4:///h:1",    "ipv6:[::1]:50051",
+      "vsock:2:50051",  "ipv6:%5B::1%5D:50051", "xds:///service",
+  };
+  for (const char* address : addresses) EXPECT_TRUE(check_address(address)) << address;
+}
+
+TEST(Addresses, ThatNoServerHasAreRefusedByEveryVerbAtOnce) {
+  const char* const addresses[] = {
+      "",
+      "127.0.0.1",
+      "127.0.0.1:",
+      "127.0.0.1:port",
+      "127.0.0.1:0",
+      ":50051",
+      "127.0.0.1:65536",
+      "127.0.0.1:-1",
+      "127.0.0.1:50051/",
+      "127.0.0.1:99999999999999999999",
+      "50051",
+      "::1:50051",
+      "http://1.2.3.4:50051",
+      "[::1]",
+      "a b:50051",
+      "unix:",
+      "dns:",
+      "dns:/",
+      "dns://",
+      "dns:///",
+      "dns:///h:",
+      "dns:///host",
+      "ipv4:127.0.0.1:1,",
+      "passthrough:///h:1",
+  };
+  const std::vector<double> points = points_inside(3);
+  const auto refused = [](const auto& result) {
+    return !result && result.error().is_input && result.error().field == "server";
+  };
+  for (const char* address : addresses) {
+    EXPECT_TRUE(refused(check_address(address))) << address;
+    Client client({.address = address});
+    EXPECT_TRUE(refused(client.capabilities())) << address;
+    EXPECT_TRUE(refused(client.upload(box()))) << address;
+    EXPECT_TRUE(refused(client.estimate(box(), {.points = 3}, {}))) << address;
+    EXPECT_TRUE(refused(client.bind(box(), {std::span<const double>(points), 3}, {}))) << address;
+  }
 }
 
 TEST(LocalServer, SaysWhatIsWrong) {

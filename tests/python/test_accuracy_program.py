@@ -1,12 +1,14 @@
 """tests/accuracy/accuracy.py at a tiny size: a sphere in a box, against references that the service solves."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from shapes import BOX_QUADS, box_vertices, obj_text
 
 ACCURACY = Path(__file__).resolve().parents[1] / "accuracy"
@@ -84,6 +86,37 @@ def test_exact_mean_value(measured):
             assert record["E_rms"] < 1e-3 and record["reference"] in ("closed form", "basis")
         elif record["set"] in ("inside", "outside"):
             assert record["E_rms"] > 1e-3 and record["gradient_error"] > 1e-3
+
+
+@pytest.mark.parametrize("option", ["--json", "--plot"])
+def test_outputs_are_checked_before_measuring(measured, tmp_path, option):
+    done, _ = measured(BOX_QUADS, "--coordinates", "harmonic", option, tmp_path / "absent" / "out")
+    assert done.returncode == 1 and done.stdout == "" and done.stderr.count("\n") == 1
+    assert done.stderr.startswith(f"accuracy.py: {tmp_path / 'absent' / 'out'}: cannot be written: ")
+    assert not (tmp_path / "cache").exists()
+
+
+def test_says_how_to_build_what_is_missing(measured):
+    done, records = measured(BOX_QUADS, "--coordinates", "mean-value", "positive-mean-value", "--reference-rows",
+                             "/nowhere/rows", "--denoise", "none", "--sets", "inside")
+    assert records is None and done.returncode == 1
+    for kind in ("mean-value", "positive-mean-value"):
+        assert f"note: {kind}: there is no program /nowhere/rows; build it by `cmake --build build --target " \
+            "reference_rows` or " in done.stderr
+
+
+def test_the_readme_s_example(measured, environment, tmp_path):
+    """Its options are understood; its files are the demo's."""
+    text = (ACCURACY / "README.md").read_text()
+    assert "cmake --build build --target reference_rows" in text
+    command = re.search(r"^/usr/bin/python3 tests/accuracy/accuracy.py (.*?[^\\])$", text, re.MULTILINE | re.DOTALL)
+    files = command.group(1).replace("\\\n", " ").split()
+    demo = (ROOT / "deploy" / "demo.sh").read_text() + (ROOT / "deploy" / "demo" / "generate.py").read_text()
+    assert all(f"{Path(name).name}" in demo and name.startswith("build/demo/") for name in files[:2])
+    options = files[2:files.index("--json")]
+    done, records = measured(BOX_QUADS, *options, "--points", "5", "--samples", "5", "--panels", "100", "--plot",
+                             tmp_path / "out.png")
+    assert done.returncode == 0 and records and (tmp_path / "out.png").exists(), done.stderr
 
 
 def test_errors_are_sentences(measured):

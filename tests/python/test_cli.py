@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import scipy.sparse
 from conftest import real_daemon_path
-from running import COMMAND, run, run_on_terminal, write_box, write_pose
+from running import BAD_ADDRESSES, COMMAND, run, run_on_terminal, write_box, write_pose
 from shapes import BOX_QUADS, box_vertices, obj_text, points_inside
 
 from barycast import Binding, load_model
@@ -99,6 +99,7 @@ def test_progress_on_a_terminal_only(fake_daemon, environment, tmp_path, box):
 @pytest.mark.parametrize("arguments", [
     [], ["bind"], ["bind", "a.obj", "b.obj"], ["bind", "a.obj", "b.obj", "-o", "c.npz", "--coordinates", "no"],
     ["bind", "a.obj", "b.obj", "-o", "c.npz", "--samples", "many"], ["view"], ["inspect", "a.npz", "--cage", "b.obj"],
+    ["bind", "a.obj", "b.obj", "-o", "c.npz", "--sample", "20"], ["inspect", "a.npz", "--js"], ["--vers"],
 ])
 def test_usage_errors(environment, arguments):
     done = run(environment, *arguments)
@@ -127,6 +128,40 @@ def test_input_errors(fake_daemon, environment, tmp_path, box):
     refused(run(environment, "bind", cage, model, "-o", out, "--samples", "-5"), 3, "options.samples")
     refused(run(environment, "bind", cage, model, "-o", out, "--samples", "200000"), 3, "options.samples", "> 100000")
     assert not out.exists()
+
+
+@pytest.mark.parametrize("verb, address", [("bind", ""), *(("capabilities", address) for address in BAD_ADDRESSES[:6])])
+def test_bad_addresses_are_refused_at_once(environment, tmp_path, verb, address):
+    arguments = ["absent.obj", "absent.obj", "-o", tmp_path / "b.npz"] if verb == "bind" else []
+    started = time.monotonic()
+    done = run(environment, verb, *arguments, "--server", address)
+    refused(done, 3, f'server: "{address}" is no address', "HOST:PORT", "from 1 to 65535", "[::1]:PORT", "unix:PATH")
+    assert time.monotonic() - started < 8  # it would wait for 15
+
+
+def test_the_output_is_no_input(fake_daemon, environment, tmp_path, box):
+    cage, model = box
+    out, _ = bound(environment, tmp_path, box)
+    pose = write_pose(tmp_path)
+    (tmp_path / "folder").mkdir()
+    linked, bound_link, model_link = tmp_path / "linked.obj", tmp_path / "linked.npz", tmp_path / "model.npz"
+    linked.symlink_to(model), bound_link.symlink_to(out), model_link.symlink_to(model)
+    before = {path: path.read_bytes() for path in (cage, model, out, pose)}
+    for output in (model, tmp_path / "folder" / ".." / "model.obj", linked, pose, out, bound_link):
+        refused(run(environment, "deform", out, pose, model, "-o", output), 3, f"{output}: would overwrite the input",
+                "choose another name")
+    refused(run(environment, "deform", out, pose, linked, "-o", model), 3, "would overwrite the input", "another name")
+    refused(run(environment, "bind", cage, model, "-o", model_link), 3, "model.npz: would overwrite", "another name")
+    for archive in ("cage", "model"):  # a binding's ending is a model's, too
+        np.savez(tmp_path / f"{archive}s.npz", points=box_vertices(), quads=BOX_QUADS)
+        inputs = {"cage": cage, "model": model, archive: tmp_path / f"{archive}s.npz"}
+        before[inputs[archive]] = inputs[archive].read_bytes()
+        refused(run(environment, "bind", inputs["cage"], inputs["model"], "-o", inputs[archive]), 3,
+                f"{archive}s.npz: would overwrite", "choose another name")
+    assert {path: path.read_bytes() for path in before} == before
+    posed = tmp_path / "posed.obj"  # an output that is there may be overwritten
+    for _ in range(2):
+        assert run(environment, "deform", out, pose, model, "-o", posed).returncode == 0
 
 
 @pytest.mark.parametrize("kind", ["mean-value", "positive-mean-value"])
@@ -198,7 +233,12 @@ def test_deform_refuses_what_does_not_fit(fake_daemon, environment, tmp_path, bo
     flipped = tmp_path / "flipped.obj"  # other faces, same vertices: only positions matter
     flipped.write_text(obj_text(box_vertices(), BOX_QUADS[:, ::-1]))
     assert run(environment, "deform", out, flipped, model, "-o", posed).returncode == 0
-    assert "is not the cage" in run(environment, "inspect", out, "--cage", flipped, "--model", model).stdout
+    done = run(environment, "inspect", out, "--cage", flipped, "--model", model)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith(f"warning: {flipped}: is not the cage that was bound\n50 points, ")
+    done = run(environment, "inspect", out, "--cage", flipped, "--model", model, "--json")
+    assert json.loads(done.stdout)["warnings"][0] == {"field": str(flipped),
+                                                       "message": "is not the cage that was bound"}
 
 
 def test_server_errors(environment, tmp_path, box):
@@ -209,6 +249,25 @@ def test_server_errors(environment, tmp_path, box):
     refused(run(environment, "bind", *box, "-o", tmp_path / "b.npz"), 4, "status 1: no luck")
     refused(run(environment, "bind", *box, "-o", tmp_path / "b.npz", "--server", f"unix:{tmp_path}/none",
                 "--retry-seconds", "0.3"), 4)
+
+
+def test_waiting_for_a_server_is_said_on_a_terminal(environment, tmp_path, box):
+    where = f"unix:{tmp_path}/none"
+    arguments = ("bind", *box, "-o", tmp_path / "b.npz", "--server", where, "--retry-seconds", "3.5")
+    line = f"waiting for a server at {where} (up to 3.5 s)"
+    code, shown = run_on_terminal(environment, *arguments)
+    assert code == 4 and shown.count(line) == 1 and "%" not in shown
+    assert shown.index(line) < shown.index("is barycastd running, and the address right?")
+    assert line in run_on_terminal(environment, "capabilities", *arguments[5:])[1]
+    assert "waiting for a server" not in run_on_terminal(environment, *arguments, "--quiet")[1]
+    refused(run(environment, *arguments), 4, "is barycastd running, and the address right?")
+
+
+def test_no_waiting_line_while_a_server_works(fake, behaviour, environment, tmp_path):
+    cage, model = write_box(tmp_path, 2500)
+    behaviour.row_seconds = 1.0
+    code, shown = run_on_terminal(environment, "bind", cage, model, "-o", tmp_path / "b.npz", "--server", fake.address)
+    assert code == 0 and "waiting for a server" not in shown
 
 
 @pytest.mark.parametrize("number, code", [(signal.SIGINT, 130), (signal.SIGTERM, 143)])

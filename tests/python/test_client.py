@@ -6,9 +6,10 @@ import time
 import fake_server
 import numpy as np
 import pytest
+from running import BAD_ADDRESSES
 from shapes import BOX_QUADS, box_cage, box_vertices, points_inside
 
-from barycast import Cage, Client, InputError, ServerError
+from barycast import AsyncClient, Cage, Client, InputError, ServerError
 from barycast.options import COORDINATES, compute_options, output_options
 
 
@@ -91,6 +92,28 @@ def test_nobody_there():
     with Client(f"127.0.0.1:{port}", retry_seconds=0.3) as client, pytest.raises(ServerError) as caught:
         client.bind(box_cage(), points_inside(3))
     assert caught.value.code == "UNAVAILABLE"
+
+
+@pytest.mark.parametrize("address", [*BAD_ADDRESSES, 50051])
+def test_bad_addresses_are_refused_at_once(address):
+    for make in (Client, AsyncClient):
+        with pytest.raises(InputError) as caught:
+            make(address)
+        assert caught.value.field == "server" and "HOST:PORT" in caught.value.message
+
+
+@pytest.mark.parametrize("form", ["127.0.0.1:{}", "localhost:{}", "dns:localhost:{}", "dns:///127.0.0.1:{}",
+                                  "ipv4:127.0.0.1:{}", "ipv4:127.0.0.1:1,127.0.0.1:{}", "ipv4:///127.0.0.1:{}"])
+def test_addresses_that_reach_a_server(fake, form):
+    with Client(form.format(fake.port)) as client:
+        assert client.capabilities().build_version == "0.0.0"
+
+
+@pytest.mark.parametrize("address", ["[::1]:50051", "ipv6:[::1]:50051", "ipv6:%5B::1%5D:50051", "dns:///[::1]:1",
+                                     "dns://8.8.8.8/host.domain:65535", "unix:socket", "unix:///a/b", "unix:/a b",
+                                     "unix-abstract:name", "vsock:2:50051", "xds:///service", "my_host:50051"])
+def test_other_addresses_are_taken(address):
+    Client(address).close()
 
 
 def test_deadline(fake, behaviour):

@@ -4,6 +4,7 @@ import fcntl
 import json
 import os
 import pty
+import re
 import signal
 import struct
 import subprocess
@@ -14,10 +15,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.sparse
-from running import run, write_box
+from running import BAD_ADDRESSES, run, run_on_terminal, write_box
 from shapes import BOX_QUADS, box_vertices, grid_text, obj_text, points_inside, polygon_cage_text
 
 from barycast import Binding, load_cage
+from barycast.retry import RETRY_SECONDS
 
 
 def assert_equal(first, second):
@@ -147,7 +149,7 @@ def test_bad_input(cpp, real_daemon, tmp_path):
 @pytest.mark.parametrize("arguments", [
     [], ["a.obj"], ["a.obj", "b.obj"], ["a.obj", "b.obj", "-o", "c.npz", "--coordinates", "no"],
     ["a.obj", "b.obj", "-o", "c.npz", "--samples", "many"], ["a.obj", "b.obj", "-o", "c.npz", "--samples", "-5"],
-    ["a.obj", "b.obj", "c.obj", "-o", "c.npz"],
+    ["a.obj", "b.obj", "c.obj", "-o", "c.npz"], ["a.obj", "b.obj", "-o", "c.npz", "--sample", "20"],
 ])
 def test_usage_errors(cpp, arguments):
     refused(cpp(*arguments), 2, "--help")
@@ -156,6 +158,49 @@ def test_usage_errors(cpp, arguments):
 def test_help(cpp):
     done = cpp("--help")
     assert done.returncode == 0 and "--server" in done.stdout and done.stderr == ""
+    assert re.search(rf"--retry-seconds [^\n]*[=\[]{RETRY_SECONDS:g}\b", done.stdout)  # as the Python client's
+
+
+@pytest.mark.parametrize("address", BAD_ADDRESSES)
+def test_bad_addresses_are_refused_at_once(cpp, tmp_path, address):
+    started = time.monotonic()
+    done = cpp("absent.obj", "absent.obj", "-o", tmp_path / "b.npz", "--server", address)
+    refused(done, 3, f'server: "{address}" is no address', "HOST:PORT", "from 1 to 65535", "[::1]:PORT", "unix:PATH")
+    assert time.monotonic() - started < 8  # it would wait for 15
+
+
+@pytest.mark.parametrize("form", ["127.0.0.1:{}", "dns:///localhost:{}", "ipv4:127.0.0.1:1,127.0.0.1:{}"])
+def test_addresses_that_reach_a_server(cpp, fake, tmp_path, form):
+    done = cpp(*write_box(tmp_path), "-o", tmp_path / "b.npz", "--server", form.format(fake.port))
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_the_output_is_no_input(cpp, real_daemon, tmp_path):
+    cage, model = write_box(tmp_path)
+    for name, path in (("c.npz", cage), ("m.npz", model)):
+        (tmp_path / name).symlink_to(path)
+        before = path.read_bytes()
+        refused(cpp(cage, model, "-o", tmp_path / name), 3, f"{name}: would overwrite the input {path}", "another name")
+        assert path.read_bytes() == before
+
+
+def test_waiting_for_a_server_is_said_on_a_terminal(cpp, program, environment, tmp_path):
+    where = f"unix:{tmp_path}/none"
+    arguments = (*write_box(tmp_path), "-o", tmp_path / "b.npz", "--server", where, "--retry-seconds", "6")
+    line = f"waiting for a server at {where} (up to 6 s)"
+    # It gives up when the next wait, at most 3.2 s, would end too late: not before the line is due.
+    code, shown = run_on_terminal(environment, *arguments, command=[program])
+    assert code == 4 and shown.count(line) == 1
+    assert shown.index(line) < shown.index("is barycastd running, and the address right?")
+    assert "waiting for a server" not in run_on_terminal(environment, *arguments, "--quiet", command=[program])[1]
+    refused(cpp(*arguments), 4, "is barycastd running, and the address right?")
+
+
+def test_no_waiting_line_while_a_server_works(fake, behaviour, program, environment, tmp_path):
+    behaviour.row_seconds = 1.0
+    arguments = (*write_box(tmp_path, 2500), "-o", tmp_path / "b.npz", "--server", fake.address)
+    code, shown = run_on_terminal(environment, *arguments, command=[program])
+    assert code == 0 and "waiting for a server" not in shown
 
 
 def test_server_errors(cpp, environment, tmp_path):

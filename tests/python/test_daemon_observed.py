@@ -160,3 +160,16 @@ def test_health_check_and_watch(real_daemon, tmp_path):
         assert next(watch) == b"\x08\x01"
         daemon.process.terminate()
         assert next(watch) == b"\x08\x02"
+
+
+def test_probe(real_daemon, tmp_path):
+    with Daemon(real_daemon, tmp_path) as daemon:
+        done = run(real_daemon, "--probe", daemon.port_file.read_text().strip())
+        assert (done.returncode, done.stdout, done.stderr) == (0, "SERVING\n", "")
+
+
+@pytest.mark.parametrize("where", ["127.0.0.1:1", "unix:/nowhere/socket"])
+def test_probe_where_nobody_listens(real_daemon, where):
+    done = run(real_daemon, "--probe", where)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == f"barycastd: no server answers at {where}\n"

@@ -80,6 +80,17 @@ def test_installed_alone(wheel, real_daemon, tmp_path):
         assert "50 points, 8 control vertices" in done.stdout
 
 
+@pytest.mark.parametrize("readme", [ROOT / "README.md", PACKAGE / "README.md"])
+def test_what_the_readmes_say_needs_no_network(readme, tmp_path):
+    lines = re.findall(r"^\S+ -m venv .*$|^build/venv/bin/pip install .*$", readme.read_text(), re.MULTILINE)
+    script = "\n".join(["set -e", *lines]).replace("build/venv", str(tmp_path / "venv"))
+    done = run("sh", "-c", script.replace("/usr/bin/python3", sys.executable), cwd=ROOT,
+               env={**clean_environment(), "PIP_NO_INDEX": "1"})
+    assert done.returncode == 0, done.stderr
+    done = run(tmp_path / "venv" / "bin" / "barycast", "--version", cwd=tmp_path, env=clean_environment())
+    assert done.stdout == f"barycast {barycast.__version__}\n"
+
+
 def test_without_a_generator(tmp_path):
     """Neither protoc nor grpc_tools: one sentence says what to install."""
     blocked = "import sys; sys.modules['grpc_tools'] = None; sys.argv = ['setup.py', '-q', 'bdist_wheel', '-d', '.']\n"

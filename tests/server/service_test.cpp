@@ -180,11 +180,11 @@ TEST_F(Service, Health) {
   EXPECT_EQ(client_->health(""), "SERVING");
   EXPECT_EQ(client_->health("barycast.v1.BarycastService"), "SERVING");
   EXPECT_EQ(client_->health("no.such.Service"), "5");
-  EXPECT_TRUE(probe(daemon_->address(), std::chrono::seconds(10)));
+  EXPECT_EQ(probe(daemon_->address(), std::chrono::seconds(10)), Health::kServing);
   daemon_->begin_drain();
   EXPECT_EQ(client_->health(""), "NOT_SERVING");
   EXPECT_EQ(client_->health("barycast.v1.BarycastService"), "NOT_SERVING");
-  EXPECT_FALSE(probe(daemon_->address(), std::chrono::seconds(10)));
+  EXPECT_EQ(probe(daemon_->address(), std::chrono::seconds(10)), Health::kNotServing);
 }
 
 TEST_F(Service, WatchersSeeTheDrain) {
@@ -215,7 +215,7 @@ TEST_F(Service, IsNotReadyBeforeItsSelfTestHasPassed) {
   Client client(address);
   EXPECT_TRUE(eventually([&] { return client.health("barycast.v1.BarycastService") == "NOT_SERVING"; }));
   EXPECT_EQ(client.health(""), "NOT_SERVING");
-  EXPECT_FALSE(probe(address, std::chrono::seconds(10)));
+  EXPECT_EQ(probe(address, std::chrono::seconds(10)), Health::kNotServing);
   EXPECT_EQ(client.compute({header(1), points({0.1, 0.2, 0.3})}).code, kUnavailable);
   v1::EstimateCostResponse cost;
   EXPECT_EQ(client.estimate({}, cost).code, kUnavailable);

@@ -36,9 +36,12 @@ ParsedArguments parse_arguments(int argc, char** argv) {
   app.add_option("--thickness", options.thickness, "Relative to the cage's diagonal (default: 1e-3)");
   app.add_option("--walk-steps-max", options.walk_steps_max, "Longest walk (default: 300; preset paper: 20)");
   app.add_option("--prune-below", options.prune_below, "Drop smaller coordinates (default: 1e-4; preset paper: 0)");
-  app.add_option("--server", arguments.server, "HOST:PORT or unix:/path (default: a private barycastd is started)");
+  std::string server;
+  const CLI::Option* const named =
+      app.add_option("--server", server, "HOST:PORT or unix:/path (default: a private barycastd is started)");
   app.add_option("--retry-seconds", arguments.retry_s, "How much time lost connections and busy answers may cost")
-      ->check(CLI::Range(0.0, 86'400.0));
+      ->check(CLI::Range(0.0, 86'400.0))
+      ->capture_default_str();
   app.add_flag("--quiet", arguments.quiet, "Print nothing but errors");
 
   try {
@@ -49,6 +52,7 @@ ParsedArguments parse_arguments(int argc, char** argv) {
     std::cerr << "barycast_bind: " << error.what() << "; see barycast_bind --help\n";
     return {std::nullopt, kUsage};
   }
+  if (named->count() > 0) arguments.server = server;
   // The checks above leave known names only.
   options.coordinates = client::coordinates_named(coordinates).value_or(options.coordinates);
   options.preset = client::preset_named(preset).value_or(options.preset);

@@ -2,10 +2,11 @@
 
 // The command line of barycast_bind.
 
+#include <chrono>
 #include <optional>
 #include <string>
 
-#include "barycast/client/options.h"
+#include "barycast/client/client.h"
 
 namespace barycast::program {
 
@@ -14,8 +15,9 @@ enum Exit { kDone = 0, kUsage = 2, kInput = 3, kServer = 4, kInterrupted = 130, 
 
 struct Arguments {
   std::string cage, model, output;
-  std::string server;     // empty: a private one is started
-  double retry_s = 30.0;  // what lost connections and busy answers may cost; of a server that is named
+  std::optional<std::string> server;  // none: a private one is started
+  // What lost connections and busy answers may cost; of a server that is named.
+  double retry_s = std::chrono::duration<double>(client::ClientSettings{}.retry_time_max).count();
   bool quiet = false;
   client::ComputeOptions options;
 };

@@ -57,7 +57,12 @@ class Signals {
 };
 
 Result<client::Binding> bind_model(const Arguments& arguments, const std::stop_token& stop) {
-  if (client::Status s = client::check_output(arguments.output); !s) return s.error();
+  if (client::Status s = client::check_output(arguments.output, {arguments.cage, arguments.model}); !s) {
+    return s.error();
+  }
+  if (arguments.server) {
+    if (client::Status s = client::check_address(*arguments.server); !s) return s.error();
+  }
   const Result<Model> cage_file = read_obj(arguments.cage);
   if (!cage_file) return cage_file.error();
   const Result<client::Cage> cage = to_cage(*cage_file);
@@ -67,10 +72,10 @@ Result<client::Binding> bind_model(const Arguments& arguments, const std::stop_t
   const Result<std::vector<double>> points = points_for(*model, cage->dimension());
   if (!points) return points.error();
 
-  client::ClientSettings settings{.address = arguments.server};
+  client::ClientSettings settings{.address = arguments.server.value_or("")};
   settings.retry_time_max = std::chrono::milliseconds(static_cast<int64_t>(1000 * arguments.retry_s));
   std::unique_ptr<client::LocalServer> local;
-  if (settings.address.empty()) {
+  if (!arguments.server) {
     const Result<std::string> program = client::find_daemon();
     if (!program) return program.error();
     Result<std::unique_ptr<client::LocalServer>> started = client::LocalServer::start({.program = *program}, stop);
@@ -80,6 +85,7 @@ Result<client::Binding> bind_model(const Arguments& arguments, const std::stop_t
     settings.retry_time_max = kPrivateRetryMax;
   }
   client::Client client(settings);
+  const WaitingLine waiting(client, arguments);
   ProgressBar bar(arguments.quiet);
   Result<client::Binding> binding = client.bind(
       *cage, {std::span<const double>(*points), cage->dimension()}, model->faces, arguments.options,

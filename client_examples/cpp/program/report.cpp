@@ -3,6 +3,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cstdio>
 
 namespace barycast::program {
@@ -34,9 +35,32 @@ std::string method(const client::ComputeOptions& options) {
          ", denoise " + name(options.denoise) + ", seed " + std::to_string(options.seed);
 }
 
+// Longer than a daemon on this machine or a name's resolution takes.
+constexpr std::chrono::milliseconds kWaitUntold{2000}, kPoll{20};
+
+bool is_watched(bool quiet) {
+  return !quiet && isatty(STDERR_FILENO) == 1;
+}
+
+void watch(const client::Client& client, const Arguments& arguments, const std::stop_token& done) {
+  std::chrono::milliseconds waited{0};
+  while (!done.stop_requested() && waited < kWaitUntold) {
+    std::this_thread::sleep_for(kPoll);
+    waited = client.answered() ? std::chrono::milliseconds(0) : waited + kPoll;
+  }
+  if (done.stop_requested()) return;
+  std::fprintf(stderr, "\r\033[Kwaiting for a server at %s (up to %g s)\n", arguments.server->c_str(),
+               arguments.retry_s);
+}
+
 }  // namespace
 
-ProgressBar::ProgressBar(bool quiet) : visible_(!quiet && isatty(STDERR_FILENO) == 1) {}
+WaitingLine::WaitingLine(const client::Client& client, const Arguments& arguments) {
+  if (!arguments.server || !is_watched(arguments.quiet)) return;
+  watcher_ = std::jthread([&](const std::stop_token& done) { watch(client, arguments, done); });
+}
+
+ProgressBar::ProgressBar(bool quiet) : visible_(is_watched(quiet)) {}
 
 ProgressBar::~ProgressBar() {
   if (drawn_) std::fputs("\r\033[K", stderr);

@@ -80,6 +80,10 @@ Client::~Client() = default;
 Client::Client(Client&&) noexcept = default;
 Client& Client::operator=(Client&&) noexcept = default;
 
+bool Client::answered() const {
+  return connection_->answered();
+}
+
 Result<Capabilities> Client::capabilities(const std::stop_token& stop) {
   Retry retry = connection_->new_retry(stop);
   Capabilities result;

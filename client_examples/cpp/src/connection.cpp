@@ -43,8 +43,9 @@ Failure CallContext::failure(const grpc::Status& status) const {
   return to_failure(status);
 }
 
-Connection::Connection(const ClientSettings& settings)
-    : settings_(settings), stub_(v1::BarycastService::NewStub(connect(settings.address))) {}
+Connection::Connection(const ClientSettings& settings) : settings_(settings), valid_(check_address(settings.address)) {
+  if (valid_) stub_ = v1::BarycastService::NewStub(connect(settings.address));
+}
 
 Outcome Connection::capabilities(const Retry& retry, Capabilities& result) {
   {
@@ -59,6 +60,7 @@ Outcome Connection::capabilities(const Retry& retry, Capabilities& result) {
   const grpc::Status status = stub_->GetCapabilities(&context.get(), {}, &response);
   if (!status.ok()) return context.failure(status);
   result = from_message(response);
+  answered_ = true;
   const std::lock_guard lock(mutex_);
   capabilities_ = result;
   return std::nullopt;
@@ -82,6 +84,7 @@ Outcome Connection::upload(const Cage& cage, const Retry& retry, Uploaded& resul
   writer->WritesDone();
   const grpc::Status status = writer->Finish();
   if (!status.ok()) return context.failure(status);
+  answered_ = true;
   result = from_message(response);
   return std::nullopt;
 }
@@ -92,12 +95,14 @@ Outcome Connection::estimate(const v1::EstimateCostRequest& request, const Cage&
   v1::EstimateCostResponse response;
   const grpc::Status status = stub_->EstimateCost(&context.get(), request, &response);
   if (!status.ok()) return context.failure(status);
+  answered_ = true;
   result = {response.memory_bytes(), response.samples(), response.output_bytes()};
   return std::nullopt;
 }
 
 bool Connection::again(Retry& retry, const Failure& failure) {
   if (failure.error.code == Code::kUnavailable) {
+    answered_ = false;
     const std::lock_guard lock(mutex_);
     capabilities_.reset();
   }
@@ -105,6 +110,7 @@ bool Connection::again(Retry& retry, const Failure& failure) {
 }
 
 Outcome Connection::retried(Retry& retry, const std::function<Outcome()>& attempt) {
+  if (!valid_) return Failure{.error = valid_.error()};
   for (;;) {
     Outcome failure = attempt();
     if (!failure || !again(retry, *failure)) return failure;
@@ -112,6 +118,7 @@ Outcome Connection::retried(Retry& retry, const std::function<Outcome()>& attemp
 }
 
 Outcome Connection::retried(Retry& retry, const Cage& cage, const std::function<Outcome(CageBy)>& attempt) {
+  if (!valid_) return Failure{.error = valid_.error()};
   CageBy by = CageBy::kDigest;
   for (;;) {
     Outcome failure;

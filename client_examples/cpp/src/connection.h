@@ -5,6 +5,7 @@
 
 #include <grpcpp/grpcpp.h>
 
+#include <atomic>
 #include <functional>
 #include <mutex>
 #include <optional>
@@ -45,6 +46,9 @@ class Connection {
     return Retry(settings_.retry_time_max, settings_.time_max, stop);
   }
 
+  // See Client.
+  bool answered() const { return answered_; }
+
   // Asked once, and again after an attempt failed: another server may answer then.
   Outcome capabilities(const Retry& retry, Capabilities& result);
   Outcome upload(const Cage& cage, const Retry& retry, Uploaded& result);
@@ -60,7 +64,9 @@ class Connection {
   bool again(Retry& retry, const Failure& failure);
 
   const ClientSettings settings_;
-  std::unique_ptr<v1::BarycastService::Stub> stub_;
+  const Status valid_;                               // what is wrong with the address
+  std::unique_ptr<v1::BarycastService::Stub> stub_;  // none, where something is
+  std::atomic<bool> answered_{false};
   std::mutex mutex_;
   std::optional<Capabilities> capabilities_;
 };

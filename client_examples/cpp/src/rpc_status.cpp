@@ -29,10 +29,19 @@ void read_detail(const google::protobuf::Any& any, Failure& failure) {
   }
 }
 
+// What gRPC says when there was no connection at all.
+bool nobody_there(const std::string& message) {
+  return message.find("failed to connect") != message.npos || message.find("DNS resolution failed") != message.npos;
+}
+
 }  // namespace
 
 Failure to_failure(const grpc::Status& status) {
   Failure failure{.error = {.code = static_cast<Code>(status.error_code()), .message = status.error_message()}};
+  if (status.error_code() == grpc::StatusCode::UNAVAILABLE && nobody_there(status.error_message())) {
+    failure.error.message = "no server answers at that address; is barycastd running, and the address right? (" +
+                            status.error_message() + ")";
+  }
   // Bytes that are no google.rpc.Status count as no details: the status itself still says what happened.
   google::rpc::Status details;
   if (details.ParseFromString(status.error_details())) {

@@ -87,11 +87,16 @@ struct CloseFile {
 
 }  // namespace
 
-Status check_output(const std::string& path) {
+Status check_output(const std::string& path, const std::vector<std::string>& inputs) {
   // So that no mistyped name overwrites a model or a cage.
   if (fs::path(path).extension() != ".npz") return cannot_write(path, "must end in .npz", Code::kInvalidArgument);
   const Result<fs::path> target = output_target(path);
   if (!target) return target.error();
+  for (const std::string& input : inputs) {
+    std::error_code failure;
+    if (!fs::equivalent(*target, input, failure) || failure) continue;
+    return input_error(path, "would overwrite the input " + input + "; choose another name");
+  }
   return Done{};
 }
 

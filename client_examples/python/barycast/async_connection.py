@@ -78,13 +78,13 @@ class AsyncConnection:
 
     async def _call(self, call: Call) -> Any:
         await self._ready(look=False)
-        with translated():
+        with self.memory.listening(), translated():
             begun = getattr(self._stub, call.method)(call.request, timeout=call.timeout, metadata=call.metadata)
             # Streamed answers are iterated by the caller; a single one is awaited here.
             return begun if hasattr(begun, "__aiter__") else await begun
 
     async def _pause(self, pause: Pause) -> None:
-        self.memory.capabilities = None
+        self.memory.forget()
         await asyncio.sleep(pause.seconds)
         await self._ready(look=True)
 

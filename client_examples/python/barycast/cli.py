@@ -20,8 +20,15 @@ Verbs = Any  # argparse does not name this type in public
 EXIT_INPUT, EXIT_SERVER, EXIT_INTERRUPTED, EXIT_TERMINATED = 3, 4, 130, 143
 
 
+class _Parser(argparse.ArgumentParser):
+    """Takes no option for a longer one: `--sample` is a mistake, and not `--samples`."""
+
+    def __init__(self, **more: Any) -> None:
+        super().__init__(allow_abbrev=False, **more)
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="barycast", description="Binds models to cages and poses them.")
+    parser = _Parser(prog="barycast", description="Binds models to cages and poses them.")
     parser.add_argument("--version", action="version", version=f"barycast {__version__}")
     verbs = parser.add_subparsers(dest="command", required=True, metavar="bind|deform|inspect|capabilities")
     bind, deform, inspect = _add_bind(verbs), _add_deform(verbs), _add_inspect(verbs)

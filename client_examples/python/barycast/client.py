@@ -20,8 +20,9 @@ from .retry import RETRY_SECONDS, Retry
 class Client:
     """A client of one server; a context manager.
 
-    address: "host:port", "unix:/path", or any gRPC target; None starts a private local server that ends with this
-    object. threads: of the private server. timeout_seconds: of one call, over all its attempts; None waits for ever.
+    address: "host:port", "unix:/path", or what else `check_address` takes, or InputError is thrown; None starts a
+    private local server that ends with this object. threads: of the private server. timeout_seconds: of one call, over
+    all its attempts; None waits for ever.
     retry_seconds: how much time lost connections and busy answers may cost one call; 0 never tries again.
     Use one Client per thread. A Client survives a fork, as long as no call of the process that forks is going on: the
     forked process connects anew, and uses the private server without ending it.

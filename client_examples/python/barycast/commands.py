@@ -5,10 +5,12 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from contextlib import contextmanager
-from typing import Any, Dict, Iterator, Optional
+import threading
+from contextlib import ExitStack, contextmanager
+from typing import Any, Dict, Iterator, List, Optional
 
 from . import files
+from .address import check_address
 from .binding import Binding
 from .client import Client
 from .errors import InputError
@@ -17,11 +19,16 @@ from .mesh_io import load_cage, load_model, points_for, save_model
 from .options import compute_options, output_options
 from .report import capability_lines, capability_values, linear_precision_error, statistics, summary_lines
 
+_WAIT_SECONDS_UNTOLD = 2.0  # longer than a daemon on this machine or a name's resolution takes
+_POLL_SECONDS = 0.02
+
 
 def bind(arguments: argparse.Namespace) -> None:
     """Computes a binding and writes it, or says what it would cost."""
     if not arguments.estimate:
-        files.check_binding_output(arguments.output)
+        files.check_binding_output(arguments.output, (arguments.cage, arguments.model))
+    if arguments.server is not None:
+        check_address(arguments.server)  # before files are read
     cage = load_cage(arguments.cage)
     model = load_model(arguments.model)
     points = points_for(model, cage.dimension)
@@ -32,7 +39,7 @@ def bind(arguments: argparse.Namespace) -> None:
                               arguments.denoise, arguments.thickness, arguments.walk_steps_max, arguments.prune_below,
                               estimator=arguments.estimator, panels=arguments.panels)
     output = output_options(arguments.dtype, arguments.gradients, arguments.influences)
-    with Client(arguments.server, retry_seconds=arguments.retry_seconds) as client:
+    with Client(arguments.server, retry_seconds=arguments.retry_seconds) as client, _waiting_line(client, arguments):
         if arguments.estimate:
             cost = client.estimate(cage, len(points), model.faces, options, output)
             values = {name: int(getattr(cost, name)) for name in ("memory_bytes", "samples", "output_bytes")}
@@ -51,7 +58,7 @@ def bind(arguments: argparse.Namespace) -> None:
 
 def deform(arguments: argparse.Namespace) -> None:
     """Poses a model."""
-    files.check_output(arguments.output)
+    files.check_output(arguments.output, (arguments.binding, arguments.posed_cage, arguments.model))
     binding = Binding.load(arguments.binding)
     posed = load_model(arguments.posed_cage)
     model = load_model(arguments.model)
@@ -68,7 +75,7 @@ def deform(arguments: argparse.Namespace) -> None:
 
 def capabilities(arguments: argparse.Namespace) -> None:
     """Shows what a server computes and refuses."""
-    with Client(arguments.server, retry_seconds=arguments.retry_seconds) as client:
+    with Client(arguments.server, retry_seconds=arguments.retry_seconds) as client, _waiting_line(client, arguments):
         answer = client.capabilities()
     print(json.dumps(capability_values(answer), indent=2) if arguments.json else "\n".join(capability_lines(answer)))
 
@@ -77,6 +84,7 @@ def inspect(arguments: argparse.Namespace) -> None:
     """Shows what a binding holds."""
     binding = Binding.load(arguments.binding)
     values: Dict[str, Any] = {**binding.report, **statistics(binding), "cage_digest": binding.cage_digest}
+    warnings: List[str] = []
     lines = summary_lines(binding) + [f"cage: {binding.cage_digest}"]
     options = binding.report["options"]
     lines.append("options: " + ", ".join(f'{name.replace("_", " ")} {value}' for name, value in options.items()))
@@ -92,8 +100,37 @@ def inspect(arguments: argparse.Namespace) -> None:
         values["linear_precision_error_stored"] = error
         lines.append(f"linear-precision error of the stored rows: {error:.1e} diagonals")
         if cage.digest.sha256.hex() != binding.cage_digest:
-            lines.append(f"warning: {arguments.cage}: is not the cage that was bound")
-    print(json.dumps(values, indent=2) if arguments.json else "\n".join(lines))
+            message = "is not the cage that was bound"  # it may be a pose of it
+            warnings.append(f"warning: {arguments.cage}: {message}")
+            values["warnings"] = [{"field": arguments.cage, "message": message}, *binding.report["warnings"]]
+    print(json.dumps(values, indent=2) if arguments.json else "\n".join(warnings + lines))
+
+
+@contextmanager
+def _waiting_line(client: Client, arguments: argparse.Namespace) -> Iterator[None]:
+    """While a server that was named does not answer for a while, one line on standard error says so, where somebody
+    watches."""
+    done = threading.Event()
+
+    def watch() -> None:
+        waited = 0.0
+        while waited < _WAIT_SECONDS_UNTOLD:
+            if done.wait(_POLL_SECONDS):
+                return
+            waited = 0.0 if client.connection.memory.answered else waited + _POLL_SECONDS
+        print(f"\r\x1b[Kwaiting for a server at {arguments.server} (up to {arguments.retry_seconds:g} s)",
+              file=sys.stderr, flush=True)
+
+    if arguments.server is None or getattr(arguments, "quiet", False) or not sys.stderr.isatty():
+        yield
+        return
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        done.set()
+        watcher.join()
 
 
 @contextmanager
@@ -106,9 +143,14 @@ def _progress_bar(quiet: bool) -> Iterator[Optional[ProgressCallback]]:
     if tqdm is None or quiet or not sys.stderr.isatty():
         yield None
         return
-    with tqdm(total=1, leave=False, bar_format="{desc:<10}{percentage:3.0f}%|{bar}| {elapsed}") as bar:
+    with ExitStack() as stack:
+        bars: List[Any] = []
 
         def show(stage: str, done: int, total: int) -> None:
+            if not bars:  # not before there is anything to show
+                bars.append(stack.enter_context(
+                    tqdm(total=1, leave=False, bar_format="{desc:<10}{percentage:3.0f}%|{bar}| {elapsed}")))
+            [bar] = bars
             bar.set_description_str(stage, refresh=False)
             bar.total, bar.n = max(total, 1), done
             bar.refresh()

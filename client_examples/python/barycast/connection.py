@@ -10,6 +10,7 @@ import grpc
 
 from barycast.v1 import barycast_pb2_grpc
 
+from .address import check_address
 from .errors import BarycastError, translated
 from .flows import Call, Flow, Memory, Pause
 from .local_server import LocalServer
@@ -32,10 +33,11 @@ _abandoned: List[object] = []
 
 
 class Endpoint:
-    """Where the server is: the given address, or a private local server, started by `start`."""
+    """Where the server is: the given address, or a private local server, started by `start`. Throws InputError on an
+    address that none can have."""
 
     def __init__(self, address: Optional[str], threads: Optional[int]) -> None:
-        self._given = address
+        self._given = None if address is None else check_address(address)
         self._threads = threads
         self.local: Optional[LocalServer] = None
 
@@ -116,11 +118,11 @@ class Connection:
         if self._pid != os.getpid():
             self._close_channel()
             self._open()
-        with translated():
+        with self.memory.listening(), translated():
             return getattr(self._stub, call.method)(call.request, timeout=call.timeout, metadata=call.metadata)
 
     def _pause(self, pause: Pause) -> None:
-        self.memory.capabilities = None
+        self.memory.forget()
         time.sleep(pause.seconds)
         if self._endpoint.start():
             self._close_channel()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import BinaryIO, Callable, Union
+from typing import BinaryIO, Callable, Iterable, Union
 
 from .errors import InputError
 
@@ -19,21 +19,25 @@ def read(path: PathLike) -> BinaryIO:
         raise InputError(f"cannot be read: {error.strerror}", field=str(path), code="NOT_FOUND") from error
 
 
-def check_output(path: PathLike) -> Path:
-    """Where path leads, if a file can be put there; throws InputError otherwise, so that long work can ask first."""
+def check_output(path: PathLike, inputs: Iterable[PathLike] = ()) -> Path:
+    """Where path leads, if a file can be put there; throws InputError otherwise, so that long work can ask first: also
+    when it is one of the inputs, by whatever path."""
     target = Path(os.path.realpath(path))
     if target.exists() and not target.is_file():
         raise InputError("cannot be written: it exists and is no regular file", field=str(path))
     if not os.access(target.parent, os.W_OK | os.X_OK):
         raise InputError(f"cannot be written: {target.parent} is not a folder that you may write to", field=str(path))
+    for read_from in inputs:
+        if target.exists() and os.path.exists(read_from) and os.path.samefile(target, read_from):
+            raise InputError(f"would overwrite the input {read_from}; choose another name", field=str(path))
     return target
 
 
-def check_binding_output(path: PathLike) -> Path:
+def check_binding_output(path: PathLike, inputs: Iterable[PathLike] = ()) -> Path:
     """As check_output, for a binding. It must end in .npz, so that no mistyped name overwrites a model or a cage."""
     if Path(path).suffix.lower() != ".npz":
         raise InputError("must end in .npz: a binding is a numpy archive", field=str(path))
-    return check_output(path)
+    return check_output(path, inputs)
 
 
 def write_atomically(path: PathLike, write: Callable[[BinaryIO], object]) -> None:

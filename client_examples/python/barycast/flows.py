@@ -5,13 +5,14 @@ once and a blocking and an asynchronous client run the same. A flow yields a `Ca
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, Callable, Generator, Optional, TypeVar, Union
+from typing import Any, Callable, Generator, Iterator, Optional, TypeVar, Union
 
 from barycast.v1 import barycast_pb2
 
 from .cage import Cage
-from .errors import InputError, MissingCageError, ServerError
+from .errors import BarycastError, InputError, MissingCageError, ServerError
 from .requests import CageNaming, Metadata, digest_metadata, upload_pieces
 from .retry import Retry
 
@@ -41,9 +42,25 @@ Flow = Generator[Union[Call, Pause], Any, T]
 
 @dataclass
 class Memory:
-    """What is known of the server; forgotten when the connection is lost."""
+    """What is known of the server; forgotten when the connection is lost. answered: it has said anything since, so
+    that while a call goes on, False says that the client waits for a server."""
 
     capabilities: Optional[barycast_pb2.GetCapabilitiesResponse] = None
+    answered: bool = False
+
+    def forget(self) -> None:
+        """Another server may answer next, or the same one later."""
+        self.capabilities, self.answered = None, False
+
+    @contextmanager
+    def listening(self) -> Iterator[None]:
+        """Around a call: it was answered, with whatever, unless nobody was there."""
+        try:
+            yield
+        except BarycastError as error:
+            self.answered = error.code != "UNAVAILABLE"
+            raise
+        self.answered = True
 
 
 def retried(retry: Retry, attempt: Callable[[], Flow[T]]) -> Flow[T]:

@@ -12,11 +12,18 @@ import termios
 import time
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Iterator, Tuple
+from typing import Iterator, Sequence, Tuple
 
 from shapes import BOX_QUADS, box_vertices, obj_text, points_inside
 
 COMMAND = [sys.executable, "-m", "barycast"]
+
+
+# What no server can have for an address.
+BAD_ADDRESSES = ["", "127.0.0.1", "127.0.0.1:port", "127.0.0.1:99999", "http://127.0.0.1:50051", "127.0.0.1:0",
+                 "127.0.0.1:", "127.0.0.1:-1", ":50051", "50051", "::1:50051", "[::1]", "127.0.0.1:50051/", "a b:50051",
+                 "unix:", "dns:///localhost", "dns:///localhost:0", "dns://8.8.8.8", "ipv4:127.0.0.1",
+                 "ipv4:127.0.0.1:1,127.0.0.1", "passthrough:///127.0.0.1:50051"]
 
 
 @contextmanager
@@ -45,11 +52,11 @@ def run(environment: dict, *arguments: object) -> subprocess.CompletedProcess:
                           timeout=120)
 
 
-def run_on_terminal(environment: dict, *arguments: object) -> Tuple[int, str]:
+def run_on_terminal(environment: dict, *arguments: object, command: Sequence[object] = COMMAND) -> Tuple[int, str]:
     """Exit code and everything shown, with standard error on a terminal."""
     leader, follower = pty.openpty()
     fcntl.ioctl(follower, termios.TIOCSWINSZ, struct.pack("4H", 24, 80, 0, 0))
-    process = subprocess.Popen([*COMMAND, *map(str, arguments)], env=environment, stdout=follower, stderr=follower)
+    process = subprocess.Popen([*map(str, (*command, *arguments))], env=environment, stdout=follower, stderr=follower)
     os.close(follower)
     shown = b""
     deadline = time.monotonic() + 120

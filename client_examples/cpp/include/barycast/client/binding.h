@@ -80,8 +80,9 @@ Result<std::vector<double>> deform(const Binding& binding, std::span<const doubl
 // The report as JSON text, in ASCII, with the keys of the Python client's.
 std::string to_json(const Report& report);
 
-// Whether a file can be put at path, so that long work can ask first. Errors: it cannot.
-Status check_output(const std::string& path);
+// Whether a file can be put at path, so that long work can ask first. Errors: it cannot, or it is one of the inputs, by
+// whatever path.
+Status check_output(const std::string& path, const std::vector<std::string>& inputs = {});
 
 // Writes the binding as .npz; whole or not at all. Errors: the file cannot be written.
 Status save(const Binding& binding, const std::string& path);

@@ -27,12 +27,17 @@
 namespace barycast::client {
 
 struct ClientSettings {
-  std::string address;  // "host:port", "unix:/path", or any gRPC target
+  std::string address;  // as check_address takes it
   // Of one verb, over all its attempts; 0: no limit.
   std::chrono::milliseconds time_max{0};
   // How long a verb goes on trying without receiving anything new; 0: one attempt.
-  std::chrono::milliseconds retry_time_max{30'000};
+  std::chrono::milliseconds retry_time_max{15'000};
 };
+
+// Whether a server can have this address: "host:port" or "[::1]:port" with a port from 1 to 65535, "unix:/path", or the
+// gRPC schemes dns, ipv4 and ipv6 with ports, unix-abstract, vsock and xds. gRPC itself would take a missing port for
+// 443 and retry what it cannot read. Errors: it is none of these, with what one looks like; every verb says so, too.
+Status check_address(const std::string& address);
 
 // n x dimension, borrowed for the time of the call; float points travel as float.
 struct Points {
@@ -105,6 +110,10 @@ class Client {
   Client& operator=(Client&&) noexcept;
 
   Result<Capabilities> capabilities(const std::stop_token& stop = {});
+
+  // Whether a server has answered and its connection was not lost since: while a verb is at work, false says that it
+  // waits for one.
+  bool answered() const;
 
   // Gives the server the cage to hold. `compute`, `bind` and `estimate` do it by themselves when they must: they name
   // the cage by its digest, upload it where it is missing, and send it along where it is missing again. Errors: an
