@@ -76,6 +76,14 @@ bool CageCache::contains(const CageDigest& digest) {
   return held_.find(digest) != nullptr;
 }
 
+void CageCache::recount(const CageIndex& index) {
+  std::vector<Index> evicted;  // destroyed outside the mutex
+  const std::lock_guard lock(mutex_);
+  if (held_.find(index.digest()).get() != &index) return;  // evicted since, or built again
+  held_.resize(index.digest(), index.bytes(), evicted);
+  stats_.evictions += evicted.size();
+}
+
 uint64_t CageCache::bytes() const {
   const std::lock_guard lock(mutex_);
   return held_.bytes();

@@ -39,6 +39,9 @@ class CageCache {
   // Held now. Counts as a use: who asks is about to refer to it.
   bool contains(const CageDigest& digest);
 
+  // Counts a cage's bytes again, after a computation made it build more; the least recently used make room.
+  void recount(const CageIndex& index);
+
   uint64_t bytes() const;
   size_t entry_count() const;
 

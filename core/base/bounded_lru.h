@@ -31,13 +31,18 @@ class BoundedLru {
     bytes_ += bytes;
     entries_.push_front({key, std::move(value), bytes});
     by_key_[key] = entries_.begin();
-    while (bytes_ > bytes_max_) {
-      Entry& last = entries_.back();
-      bytes_ -= last.bytes;
-      by_key_.erase(last.key);
-      evicted.push_back(std::move(last.value));
-      entries_.pop_back();
-    }
+    make_room(evicted);
+  }
+
+  // Where a value that is held has grown, by itself or another.
+  void resize(const Key& key, uint64_t bytes, std::vector<Value>& evicted) {
+    const auto found = by_key_.find(key);
+    if (found == by_key_.end()) return;
+    bytes_ += bytes - found->second->bytes;
+    found->second->bytes = bytes;
+    // What is larger than the bound must not push out all the others.
+    if (bytes > bytes_max_) entries_.splice(entries_.end(), entries_, found->second);
+    make_room(evicted);
   }
 
   uint64_t bytes() const { return bytes_; }
@@ -49,6 +54,17 @@ class BoundedLru {
     Value value;
     uint64_t bytes;
   };
+
+  void make_room(std::vector<Value>& evicted) {
+    while (bytes_ > bytes_max_) {
+      Entry& last = entries_.back();
+      bytes_ -= last.bytes;
+      by_key_.erase(last.key);
+      evicted.push_back(std::move(last.value));
+      entries_.pop_back();
+    }
+  }
+
   uint64_t bytes_max_;
   uint64_t bytes_ = 0;
   std::list<Entry> entries_;  // most recently used first

@@ -36,7 +36,8 @@ class BindingOf final : public Binding {
         cage_(structures.cage),
         queries_(std::move(queries)),
         settings_(settings),
-        estimator_(cage_, *structures.distance, *structures.winding, make_sampler<D>(settings.options, structures),
+        estimator_(cage_, structures.closest_points(settings.options), *structures.winding,
+                   make_sampler<D>(settings.options, structures),
                    {.thickness = settings.options.thickness,
                     .seed = settings.options.seed,
                     .pseudo_samples = settings.options.preset == Preset::kPaper ? PseudoSamples::kWhenSingular
@@ -268,6 +269,7 @@ Result<std::unique_ptr<Binding>> create_of(std::shared_ptr<const CageIndex> inde
                                            const std::atomic<bool>& cancel) {
   if (auto status = check_dimension(settings.options, D); !status) return status.error();
   if (auto status = check_estimator(structures.cage, settings.options); !status) return status.error();
+  if (auto status = structures.prepare(settings.options); !status) return status.error();
   auto queries = QuerySet<D>::create(input, structures.cage.frame(), cancel);
   if (!queries) return queries.error();
   if (settings.first_row >= queries->points.size())

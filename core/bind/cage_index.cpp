@@ -13,17 +13,9 @@ template <int D>
 Result<CageIndex::Structures> build(const CageInput& input, DistanceEngine engine) {
   auto cage = Cage<D>::create(input);
   if (!cage) return cage.error();
-  auto structures =
-      std::unique_ptr<CageStructures<D>>(new CageStructures<D>{std::move(cage).value(), nullptr, nullptr, nullptr});
-  auto distance = engine == DistanceEngine::kGrid ? make_distance_grid<D>(structures->cage)
-                                                  : make_embree_distance_index<D>(structures->cage);
-  if (!distance) return distance.error();
-  structures->distance = std::move(distance).value();
-  auto lines = make_line_index<D>(structures->cage);
-  if (!lines) return lines.error();
-  structures->lines = std::move(lines).value();
-  structures->winding = std::make_unique<const WindingNumber<D>>(structures->cage);
-  return CageIndex::Structures(std::unique_ptr<const CageStructures<D>>(std::move(structures)));
+  if (auto status = check_distance_index(*cage); !status) return status.error();
+  return CageIndex::Structures(
+      std::unique_ptr<const CageStructures<D>>(std::make_unique<CageStructures<D>>(std::move(cage).value(), engine)));
 }
 
 template <int D>
@@ -44,6 +36,37 @@ Status check_dimension(const CageInput& input) {
 }
 
 }  // namespace
+
+template <int D>
+CageStructures<D>::CageStructures(Cage<D> of, DistanceEngine walks)
+    : cage(std::move(of)), engine(walks), winding(std::make_unique<const WindingNumber<D>>(cage)) {}
+
+template <int D>
+CageStructures<D>::~CageStructures() = default;
+
+template <int D>
+Status CageStructures<D>::prepare(const ResolvedOptions& options) const {
+  if (options.coordinates == CoordinateKind::kHarmonic)
+    return walks.prepare([&] {
+      return engine == DistanceEngine::kGrid ? make_distance_grid<D>(cage) : make_embree_distance_index<D>(cage);
+    });
+  if (options.estimator == Estimator::kExact) return Done{};
+  const Status built = elements.prepare([&] { return make_embree_distance_index<D>(cage); });
+  return built ? lines.prepare([&] { return make_line_index<D>(cage); }) : built;
+}
+
+template <int D>
+const DistanceIndex<D>& CageStructures<D>::closest_points(const ResolvedOptions& options) const {
+  return options.coordinates == CoordinateKind::kHarmonic ? *walks : *elements;
+}
+
+template <int D>
+size_t CageStructures<D>::bytes() const {
+  return cage.bytes() + winding->bytes() + elements.bytes() + walks.bytes() + lines.bytes();
+}
+
+template struct CageStructures<2>;
+template struct CageStructures<3>;
 
 template <int D>
 Status check_estimator(const Cage<D>& cage, const ResolvedOptions& options) {
@@ -81,16 +104,17 @@ Result<std::shared_ptr<const CageIndex>> CageIndex::create(const CageInput& inpu
 }
 
 CageIndex::CageIndex(Structures structures, const CageDigest& digest)
-    : structures_(std::move(structures)),
-      digest_(digest),
-      bytes_(sizeof(*this) + std::visit(
-                                 [](const auto& s) {
-                                   return s->cage.bytes() + s->distance->bytes() + s->lines->bytes() +
-                                          s->winding->bytes();
-                                 },
-                                 structures_)) {}
+    : structures_(std::move(structures)), digest_(digest) {}
 
 CageIndex::~CageIndex() = default;
+
+size_t CageIndex::bytes() const {
+  return sizeof(*this) + std::visit([](const auto& s) { return s->bytes(); }, structures_);
+}
+
+Status CageIndex::prepare(const ResolvedOptions& options) const {
+  return std::visit([&](const auto& s) { return s->prepare(options); }, structures_);
+}
 
 int CageIndex::dimension() const {
   return structures_.index() == 0 ? 2 : 3;

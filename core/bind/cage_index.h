@@ -1,14 +1,16 @@
 #pragma once
 
 // A cage with its acceleration structures: what a cache holds, and the only object that concurrent
-// computations share. Const after creation; safe to use from any number of threads. Which index
-// answered (fresh or cached) cannot change a bit of any row.
+// computations share. Safe to use from any number of threads. Structures are built when a kind of
+// coordinates first asks for them, once. Which index answered, fresh or cached, and what it holds, cannot
+// change a bit of any row.
 
 #include <cstddef>
 #include <memory>
 #include <span>
 #include <variant>
 
+#include "base/lazy.h"
 #include "base/result.h"
 #include "bind/options.h"
 #include "cage/cage.h"
@@ -23,22 +25,36 @@ class LineIndex;
 template <int D>
 class WindingNumber;
 
+// What answers the walks' distances: the grid, or Embree alone, which is slower (to compare with).
+enum class DistanceEngine { kGrid, kEmbree };
+
 // Lives where it was made: the structures refer to the cage.
 template <int D>
 struct CageStructures {
+  CageStructures(Cage<D> of, DistanceEngine walks);
+  ~CageStructures();
+
+  // Builds what computations with these options need, unless another one did. Errors: those of the builders.
+  Status prepare(const ResolvedOptions& options) const;
+  // Closest points of queries: after `prepare`, from the same engine whatever else has been built.
+  const DistanceIndex<D>& closest_points(const ResolvedOptions& options) const;
+  size_t bytes() const;
+
   const Cage<D> cage;
-  std::unique_ptr<const DistanceIndex<D>> distance;
-  std::unique_ptr<const LineIndex<D>> lines;
+  const DistanceEngine engine;
   std::unique_ptr<const WindingNumber<D>> winding;
+  Lazy<DistanceIndex<D>> elements;  // of Embree: any point, but slower
+  Lazy<DistanceIndex<D>> walks;     // what harmonic coordinates ask for distances
+  Lazy<LineIndex<D>> lines;         // mean value coordinates
 };
+
+extern template struct CageStructures<2>;
+extern template struct CageStructures<3>;
 
 // Whether a cage is one that the estimator can do. Errors: kInvalidArgument, with paths relative to the options
 // ("estimator", "panels").
 template <int D>
 Status check_estimator(const Cage<D>& cage, const ResolvedOptions& options);
-
-// What answers the walks' distances: the grid, or Embree alone, which is slower (to compare with).
-enum class DistanceEngine { kGrid, kEmbree };
 
 class CageIndex {
  public:
@@ -58,10 +74,13 @@ class CageIndex {
   uint32_t control_vertex_count() const;
   uint32_t stencil_max() const;
   std::span<const Warning> warnings() const;
-  size_t bytes() const { return bytes_; }  // memory held, for the cache's bound
+  size_t bytes() const;  // memory held now, for the cache's bound
 
   // As the function of that name.
   Status check_estimator(const ResolvedOptions& options) const;
+  // Builds what computations with these options need, unless another one did: milliseconds for hundreds of elements,
+  // half a second for the largest cages. Binding::create would, too. Errors: kInternal when Embree fails.
+  Status prepare(const ResolvedOptions& options) const;
 
   const Structures& structures() const { return structures_; }
 
@@ -69,7 +88,6 @@ class CageIndex {
   CageIndex(Structures structures, const CageDigest& digest);
   Structures structures_;
   CageDigest digest_;
-  size_t bytes_;
 };
 
 }  // namespace barycast

@@ -12,10 +12,10 @@ Sampler<D> make_sampler(const ResolvedOptions& options, const CageStructures<D>&
                          {.rays = options.samples,
                           .visible_only = options.coordinates == CoordinateKind::kPositiveMeanValue,
                           .as_printed = paper});
-  return HarmonicWalks<D>(*structures.distance, {.walks = options.samples,
-                                                 .thickness = options.thickness,
-                                                 .walk_steps_max = options.walk_steps_max,
-                                                 .as_printed = paper});
+  return HarmonicWalks<D>(*structures.walks, {.walks = options.samples,
+                                              .thickness = options.thickness,
+                                              .walk_steps_max = options.walk_steps_max,
+                                              .as_printed = paper});
 }
 
 template Sampler<2> make_sampler(const ResolvedOptions&, const CageStructures<2>&);

@@ -8,7 +8,7 @@
 
 namespace barycast {
 
-// Refers to the structures.
+// Refers to the structures, which are prepared for the options.
 template <int D>
 Sampler<D> make_sampler(const ResolvedOptions& options, const CageStructures<D>& structures);
 

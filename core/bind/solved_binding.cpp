@@ -58,7 +58,7 @@ class SolvedBinding final : public Binding {
     progress_.done = solver_->done();
     if (solver_->done() < solver_->total()) return Step::kWorking;
     for (Warning& warning : solver_->warnings()) summary_.warnings.push_back(std::move(warning));
-    solution_ = solver_->take(*structures_.distance, *structures_.winding);
+    solution_ = solver_->take(structures_.closest_points(settings_.options), *structures_.winding);
     solver_.reset();
     report_rows();
     return Step::kWorking;

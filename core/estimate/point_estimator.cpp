@@ -1,6 +1,7 @@
 #include "estimate/point_estimator.h"
 
 #include <cmath>
+#include <limits>
 
 #include "base/random.h"
 #include "base/tolerances.h"
@@ -59,8 +60,9 @@ void PointEstimator<D>::project(const Vec<D>& x, const SampleSet<D>& set, Worksp
 }
 
 template <int D>
-SampleQuery<D> PointEstimator<D>::locate(const Vec<D>& x, PointEstimate<D>& out) const {
-  const CagePoint<D> closest = distance_.closest(x);
+SampleQuery<D> PointEstimator<D>::locate(const Vec<D>& x, double within, CagePoint<D>& closest,
+                                         PointEstimate<D>& out) const {
+  closest = distance_.closest(x, within);
   out.flags = 0;
   out.distance = closest.distance;
   out.on_cage.reset();
@@ -80,7 +82,13 @@ template <int D>
 bool PointEstimator<D>::estimate(std::span<const Vec<D>> points, const std::atomic<bool>& cancel, Workspace& workspace,
                                  std::span<PointEstimate<D>> out) const {
   workspace.queries.clear();
-  for (size_t i = 0; i < points.size(); ++i) workspace.queries.push_back(locate(points[i], out[i]));
+  // Neighbours in a query set are mostly neighbours in space: what is closest to one is near the next.
+  CagePoint<D> closest;
+  double within = std::numeric_limits<double>::infinity();
+  for (size_t i = 0; i < points.size(); ++i) {
+    if (i > 0) within = (closest.point - points[i]).norm();
+    workspace.queries.push_back(locate(points[i], within, closest, out[i]));
+  }
   if (workspace.samples.size() < points.size()) workspace.samples.resize(points.size());
   const bool complete = std::visit(
       [&](const auto& sampler) { return sampler.sample(workspace.queries, cancel, workspace.samples); }, sampler_);

@@ -68,7 +68,8 @@ class PointEstimator {
 
  private:
   // Where x is with respect to the cage, and where its samples start from.
-  SampleQuery<D> locate(const Vec<D>& x, PointEstimate<D>& out) const;
+  // within: what its distance is known not to exceed.
+  SampleQuery<D> locate(const Vec<D>& x, double within, CagePoint<D>& closest, PointEstimate<D>& out) const;
   Vec<D> shifted(const Vec<D>& x, const CagePoint<D>& closest) const;
   // Signed weights do without pseudo-samples; where they amplify noise too much (in the paper preset: where rounding
   // would be seen), their magnitudes with pseudo-samples replace them.

@@ -23,10 +23,11 @@ class DistanceGrid final : public DistanceIndex<D> {
     triangles_ = std::move(levels.triangles);
   }
 
-  CagePoint<D> closest(const Vec<D>& x) const override {
+  using DistanceIndex<D>::closest;
+  CagePoint<D> closest(const Vec<D>& x, double within) const override {
     const std::array<float, 3> point = in_floats(x);
     const uint32_t cell = grid_cell(grid_, point);
-    if ((cell & kGridFarBit) != 0) return everywhere_->closest(x);
+    if ((cell & kGridFarBit) != 0) return everywhere_->closest(x, within);
     Search search{x, {}, 0};
     search.best.distance_squared = std::numeric_limits<double>::infinity();
     uint32_t last = kNoFacet;  // a facet's triangles are neighbours

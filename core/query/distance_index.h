@@ -6,6 +6,7 @@
 
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <memory>
 
 #include "cage/cage.h"
@@ -48,8 +49,10 @@ class DistanceIndex {
  public:
   virtual ~DistanceIndex() = default;
 
-  // The closest point, decided in double.
-  virtual CagePoint<D> closest(const Vec<D>& x) const = 0;
+  // The closest point, decided in double. within: what its distance is known not to exceed; it may shorten the search
+  // and changes no answer.
+  virtual CagePoint<D> closest(const Vec<D>& x, double within) const = 0;
+  CagePoint<D> closest(const Vec<D>& x) const { return closest(x, std::numeric_limits<double>::infinity()); }
 
   // A point of the cage, for walks to end at: its distance is more than that of the closest by `tolerance` at most.
   virtual CagePoint<D> near(const Vec<D>& x, double tolerance) const = 0;

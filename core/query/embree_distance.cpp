@@ -86,10 +86,11 @@ class EmbreeDistance final : public DistanceIndex<D> {
     return Done{};
   }
 
-  CagePoint<D> closest(const Vec<D>& x) const override {
+  using DistanceIndex<D>::closest;
+  CagePoint<D> closest(const Vec<D>& x, double within) const override {
     ClosestSearch search{this, x, x.norm(), {}, kNoHint};
     search.best.distance_squared = std::numeric_limits<double>::infinity();
-    run(x, std::numeric_limits<float>::infinity(), visit_closest, &search);
+    run(x, covering_radius(within, search.reach), visit_closest, &search);
     BARYCAST_CHECK(search.facet != kNoHint);
     return {std::sqrt(search.best.distance_squared), facets_[search.facet].element, search.best.shares,
             search.best.point};

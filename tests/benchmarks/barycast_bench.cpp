@@ -109,7 +109,8 @@ void time_estimates(const CageStructures<3>& structures, const QueryInput& queri
   PerThread<MomentAccumulator<3>> accumulators([&] { return MomentAccumulator<3>(structures.cage); });
   for (size_t i = 0; i < count; ++i) {
     const Vec<3> x = structures.cage.frame().to_normalized(Eigen::Map<const Vec<3>>(queries.points.data() + 3 * i));
-    all.push_back({x, structures.distance->closest(x).distance, QueryRandom(options.seed, position_key<3>(x))});
+    all.push_back(
+        {x, structures.closest_points(options).closest(x).distance, QueryRandom(options.seed, position_key<3>(x))});
   }
   for (size_t begin = 0; begin < count; begin += piece) {
     const size_t size = std::min(piece, count - begin);
@@ -144,6 +145,7 @@ Run run_once(const Job& job, const Variant& variant, const ResolvedOptions& opti
   Stopwatch watch;
   const auto index = CageIndex::create(job.cage_input(), variant.engine);
   if (!index) fail(index.error().text());
+  if (const Status built = (*index)->prepare(options); !built) fail(built.error().text());
   run.stages["build"] = watch.lap();
   auto binding = Binding::create(*index, job.queries, {.options = options});
   if (!binding) fail(binding.error().text());

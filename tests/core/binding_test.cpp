@@ -1,7 +1,9 @@
 // The entry: options, bad queries, cancellation.
 
 #include <gtest/gtest.h>
+
 #include <malloc.h>
+#include <thread>
 
 #include <chrono>
 #include <limits>
@@ -45,6 +47,28 @@ TEST(Options, AreRefusedByName) {
   EXPECT_EQ(refused([](Options& o) { o.prune_below = -1; }), "prune_below");
   EXPECT_EQ(refused([](Options& o) { o.smoothing_time = -1; }), "smoothing_time");
   EXPECT_EQ(refused([](Options& o) { o.denoise = Denoise::kMesh; }), "denoise");
+}
+
+// Each kind of coordinates has its structures, built once however many ask at once, and what another kind built changes
+// no bit.
+TEST(CageIndex, BuildsWhatAKindAsksFor) {
+  const testing::Shape shape = testing::sphere(6, 1.0);
+  const auto harmonic = *resolve({}, false), mean_value = *resolve({.coordinates = CoordinateKind::kMeanValue}, false);
+  const auto index = *CageIndex::create(shape.input());
+  const size_t empty = index->bytes();
+  const QueryInput points = testing::loose_points(testing::random_points(50, 3, -1.2, 1.2, 1));
+  const RowBlock rays_alone = *bind_all(index, points, mean_value);
+  const size_t with_rays = index->bytes();
+  EXPECT_GT(with_rays, empty);
+  std::vector<std::thread> threads;
+  for (int i = 0; i < 8; ++i) threads.emplace_back([&] { EXPECT_TRUE(index->prepare(harmonic).ok()); });
+  for (std::thread& thread : threads) thread.join();
+  const size_t with_both = index->bytes();
+  EXPECT_GT(with_both, with_rays);
+  const RowBlock rays_again = *bind_all(index, points, mean_value), walks = *bind_all(index, points, harmonic);
+  EXPECT_EQ(index->bytes(), with_both);
+  EXPECT_EQ(rays_again.values, rays_alone.values);
+  EXPECT_EQ(walks.values, bind_all(*CageIndex::create(shape.input()), points, harmonic)->values);
 }
 
 TEST(Queries, AreRefusedByName) {

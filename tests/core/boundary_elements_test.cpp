@@ -30,7 +30,7 @@ std::unique_ptr<const Solution<3>> solve(const CageIndex& index, uint32_t panels
   auto solver = BoundarySolver::create(structures_of(index).cage, {.panels = panels, .moments = moments});
   EXPECT_TRUE(solver.ok());
   while ((*solver)->done() < (*solver)->total()) (*solver)->advance();
-  return (*solver)->take(*structures_of(index).distance, *structures_of(index).winding);
+  return (*solver)->take(*structures_of(index).walks, *structures_of(index).winding);
 }
 
 // One panel in general position.
@@ -258,7 +258,7 @@ TEST(BoundaryElements, ConvergeAtEdgesThatBendInwards) {
   const auto index = testing::make_index(testing::bent_prism());
   std::vector<Vec<3>> points;
   for (const Vec<3>& x : points_in_box(2000, 0.5, 6))
-    if (structures_of(*index).winding->inside(x) && structures_of(*index).distance->closest(x).distance > 0.03)
+    if (structures_of(*index).winding->inside(x) && (*structures_of(*index).walks).closest(x).distance > 0.03)
       points.push_back(x);
   ASSERT_GT(points.size(), 50u);
   const auto rows = [&](uint32_t panels) {
@@ -380,7 +380,7 @@ TEST(BoundaryElements, GradientsAreThoseOfTheValues) {
         const auto difference = (around.values.row(1) - around.values.row(0)) / (2 * h);
         const auto& gradient = rows.gradients[static_cast<size_t>(k)].row(Eigen::Index(i));
         // Within a fifth of a panel of the cage the width of the correction's fading counts as constant.
-        const double near = structures_of(*index).distance->closest(points[i]).distance;
+        const double near = (*structures_of(*index).walks).closest(points[i]).distance;
         EXPECT_LT((difference - gradient).norm(),
                   near < 0.05 ? 0.05 * (1 + gradient.norm()) : 1e-4 * (1 + gradient.norm()))
             << points[i].transpose() << ", " << near << " from the cage";

@@ -177,6 +177,11 @@ void check_grid(const Shape& shape, size_t count, double reach) {
     ASSERT_LE(double{radii[i]}, closest.distance) << "point " << i;
     small += double{radii[i]} < 0.5 * closest.distance - 2e-3;
     ASSERT_NEAR((*grid)->closest(point).distance, closest.distance, 1e-12 * (1 + reach)) << "point " << i;
+    for (const double within : {1.0, 1.5})
+      for (const auto* index : {&*grid, &*embree}) {
+        const CagePoint<3> all = (*index)->closest(point), some = (*index)->closest(point, within * all.distance);
+        ASSERT_TRUE(some.element == all.element && some.point == all.point && some.shares == all.shares);
+      }
     // Patches and triangles that stand for them deviate by 2.5 percent of the distance, and by 2.4e-4 next to them.
     const double clear = (*grid)->free_radius(point);
     ASSERT_LE(clear, closest.distance);

@@ -129,7 +129,7 @@ TEST(Lines, CountDepthAsTheWindingNumberDoes) {
     const CageStructures<3>& structures = structures_of(*index);
     size_t depths = 0;
     for (const Vec<3>& origin : origins(structures.cage)) {
-      const double clearance = structures.distance->closest(origin).distance;
+      const double clearance = (*structures.walks).closest(origin).distance;
       if (clearance < 1e-6) continue;
       const bool inside = structures.winding->inside(origin);
       for (const Vec<3>& target : targets(structures.cage)) {
@@ -156,7 +156,7 @@ TEST(Lines, CountDepthAsTheWindingNumberDoes) {
           depth += across < 0 ? 1 : -1;
           const Vec<3> middle = (hits[i].point + hits[i + 1].point) / 2;
           // Winding numbers are of flat halves of patches, and not to be asked close by.
-          if (structures.distance->closest(middle).distance < 0.03) continue;
+          if ((*structures.walks).closest(middle).distance < 0.03) continue;
           EXPECT_NEAR(std::abs((*structures.winding)(middle)), depth, 0.1)
               << c.name << " after hit " << i << " of " << hits.size() << " from " << origin.transpose() << " at "
               << target.transpose();

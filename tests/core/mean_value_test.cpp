@@ -50,8 +50,7 @@ std::vector<double> points_off(const Shape& shape, double reach, uint32_t seed) 
   const auto candidates = testing::random_points(300, 3, -reach, reach, seed);
   for (size_t i = 0; i < candidates.size() && result.size() < 3 * 60; i += 3) {
     const Vec<3> x = structures.cage.frame().to_normalized(Eigen::Map<const Vec<3>>(candidates.data() + i));
-    if (structures.distance->closest(x).distance > 0.01)
-      result.insert(result.end(), &candidates[i], &candidates[i] + 3);
+    if ((*structures.walks).closest(x).distance > 0.01) result.insert(result.end(), &candidates[i], &candidates[i] + 3);
   }
   return result;
 }

@@ -18,7 +18,7 @@ class WrongIndex final : public DistanceIndex<3> {
  public:
   WrongIndex(const Cage<3>& cage, const DistanceIndex<3>& right, double part)
       : cage_(cage), right_(right), part_(part) {}
-  CagePoint<3> closest(const Vec<3>& x) const override { return right_.closest(x); }
+  CagePoint<3> closest(const Vec<3>& x, double within) const override { return right_.closest(x, within); }
   CagePoint<3> near(const Vec<3>& x, double tolerance) const override {
     CagePoint<3> result = right_.near(x, tolerance);
     // Which walks: by the digits of their last position, which are as good as random.
@@ -76,7 +76,7 @@ double box_error(const CageStructures<3>& structures, const DistanceIndex<3>& di
 double error_slope(bool independent, double wrong_part) {
   const auto index = testing::make_index(testing::box());
   const auto& structures = *std::get<std::unique_ptr<const CageStructures<3>>>(index->structures());
-  const WrongIndex distance(structures.cage, *structures.distance, wrong_part);
+  const WrongIndex distance(structures.cage, *structures.walks, wrong_part);
   std::vector<double> log_m, log_error;
   for (const uint32_t samples : {32u, 128u, 512u, 2048u, 8192u}) {
     log_m.push_back(std::log(samples));
@@ -111,8 +111,8 @@ TEST(Rate, OrderedWalksHaveLessErrorThanIndependentOnes) {
   const auto index = testing::make_index(testing::box());
   const auto& structures = *std::get<std::unique_ptr<const CageStructures<3>>>(index->structures());
   for (const uint32_t samples : {50u, 500u, 5000u}) {
-    const double ratio = box_error(structures, *structures.distance, samples, false) /
-                         box_error(structures, *structures.distance, samples, true);
+    const double ratio = box_error(structures, *structures.walks, samples, false) /
+                         box_error(structures, *structures.walks, samples, true);
     EXPECT_LT(ratio, samples == 50 ? 0.95 : 0.8);
   }
 }
@@ -217,7 +217,7 @@ TEST(Outside, ReentryAgreesWithWalksThatGoOn) {
 
 // As the estimator that samples in one way measures it, inside a box.
 double measured_noise(const Sampler<3>& sampler, const CageStructures<3>& structures, uint32_t samples) {
-  const PointEstimator<3> estimator(structures.cage, *structures.distance, *structures.winding, sampler,
+  const PointEstimator<3> estimator(structures.cage, *structures.walks, *structures.winding, sampler,
                                     {.thickness = 1e-3, .seed = 3, .pseudo_samples = PseudoSamples::kAlways});
   std::vector<Vec<3>> points;
   const auto at = testing::random_points(3200, 3, -0.25, 0.25, 5);
@@ -231,8 +231,7 @@ TEST(Noise, IsThatOfTheMeanForIndependentSamplesAndLessForOthers) {
   const auto index = testing::make_index(testing::box());
   const auto& structures = *std::get<1>(index->structures());
   const auto walks = [&](uint32_t m, bool independent) {
-    return measured_noise(HarmonicWalks<3>(*structures.distance, {.walks = m, .as_printed = independent}), structures,
-                          m);
+    return measured_noise(HarmonicWalks<3>(*structures.walks, {.walks = m, .as_printed = independent}), structures, m);
   };
   const auto rays = [&](uint32_t m) {
     return measured_noise(RaySamples<3>(structures.cage, *structures.lines, {.rays = m}), structures, m);
@@ -248,8 +247,8 @@ TEST(Noise, IsThatOfTheMeanForIndependentSamplesAndLessForOthers) {
 TEST(Noise, WithoutPointsToMeasureIsThatOfIndependentSamples) {
   const auto index = testing::make_index(testing::box());
   const auto& structures = *std::get<1>(index->structures());
-  const HarmonicWalks<3> walks(*structures.distance, {.walks = 25});
-  const PointEstimator<3> estimator(structures.cage, *structures.distance, *structures.winding, walks,
+  const HarmonicWalks<3> walks(*structures.walks, {.walks = 25});
+  const PointEstimator<3> estimator(structures.cage, *structures.walks, *structures.winding, walks,
                                     {.thickness = 1e-3, .seed = 3, .pseudo_samples = PseudoSamples::kAlways});
   const std::vector<Vec<3>> on_the_cage{structures.cage.control_vertices()[0]};
   EXPECT_EQ(*relative_noise<3>(estimator, structures.cage, on_the_cage, 25, kNeverCancelled), 0.2);

@@ -58,6 +58,32 @@ TEST(CageCache, EvictsTheLeastRecentlyUsed) {
   EXPECT_EQ(cache.stats().evictions, 1u);
 }
 
+// Structures that computations add to a cage count once they are there.
+TEST(CageCache, CountsWhatGrew) {
+  const Sample a = sample(0), b = sample(1);
+  const auto options = *resolve({}, false);
+  const auto grown = *a.build()();
+  ASSERT_TRUE(grown->prepare(options).ok());
+  ASSERT_GT(grown->bytes(), bytes_of(a) + 1000);
+  for (const uint64_t room : {grown->bytes() + bytes_of(b), grown->bytes() + bytes_of(b) - 1, grown->bytes() - 1}) {
+    CageCache cache(room);
+    put(cache, a);
+    put(cache, b);
+    CageCache::Index held;
+    cache.find(a.digest, [&](const Result<CageCache::Index>& index, Found) { held = *index; });
+    cache.contains(b.digest);  // a is now the oldest
+    ASSERT_TRUE(held->prepare(options).ok());
+    cache.recount(*held);
+    EXPECT_LE(cache.bytes(), room);
+    // The other makes room for it; what is larger than all room goes itself.
+    EXPECT_EQ(cache.contains(a.digest), room >= grown->bytes());
+    EXPECT_EQ(cache.contains(b.digest), room != grown->bytes() + bytes_of(b) - 1);
+    const uint64_t before = cache.bytes();
+    cache.recount(*grown);  // the same cage, but not the one held
+    EXPECT_EQ(cache.bytes(), before);
+  }
+}
+
 TEST(CageCache, ServesButDoesNotKeepWhatIsTooLarge) {
   const Sample a = sample(0);
   CageCache cache(bytes_of(a) - 1);

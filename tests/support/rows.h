@@ -13,10 +13,14 @@
 
 namespace barycast::testing {
 
+// With what harmonic and mean value coordinates need.
 inline std::shared_ptr<const CageIndex> make_index(const Shape& shape) {
   auto index = CageIndex::create(shape.input());
   EXPECT_TRUE(index.ok()) << (index.ok() ? "" : index.error().text());
-  return index.ok() ? *index : nullptr;
+  if (!index.ok()) return nullptr;
+  for (const auto kind : {CoordinateKind::kHarmonic, CoordinateKind::kMeanValue})
+    EXPECT_TRUE((*index)->prepare(*resolve({.coordinates = kind}, false)).ok());
+  return *index;
 }
 
 inline QueryInput loose_points(std::vector<double> points) {
