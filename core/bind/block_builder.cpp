@@ -11,19 +11,21 @@ void add_counts(const SampleCounts& counts, BindingSummary& summary) {
 }
 
 template <int D>
-RowBlock BlockBuilder<D>::pack(BindingSummary& summary) {
-  RowBlock block;
-  block.first_row = next_row_ - rows_.size();
-  block.offsets.push_back(0);
-  for (const FinishedRow<D>& row : rows_) {
+void BlockBuilder<D>::pack(size_t count, BindingSummary& summary) {
+  if (block_.flags.empty()) {
+    block_.first_row = next_row_;
+    block_.offsets.push_back(0);
+  }
+  const size_t before = block_.indices.size();
+  for (const FinishedRow<D>& row : std::span(rows_).first(count)) {
     for (const RowEntry<D>& entry : row.entries) {
-      block.indices.push_back(entry.vertex);
-      block.values.push_back(entry.value);
+      block_.indices.push_back(entry.vertex);
+      block_.values.push_back(entry.value);
       if (settings_.options.gradients)
-        for (int k = 0; k < D; ++k) block.gradients.push_back(entry.gradient[k] / diagonal_);
+        for (int k = 0; k < D; ++k) block_.gradients.push_back(entry.gradient[k] / diagonal_);
     }
-    block.offsets.push_back(static_cast<uint32_t>(block.indices.size()));
-    block.flags.push_back(row.flags);
+    block_.offsets.push_back(static_cast<uint32_t>(block_.indices.size()));
+    block_.flags.push_back(row.flags);
     add_counts(row.counts, summary);
     summary.linear_precision_error_max = std::max(summary.linear_precision_error_max, row.error);
     summary.rows_on_cage += (row.flags & kRowOnCage) != 0;
@@ -32,10 +34,8 @@ RowBlock BlockBuilder<D>::pack(BindingSummary& summary) {
     summary.rows_no_samples += (row.flags & kRowNoSamples) != 0;
     summary.rows_rank_deficient += (row.flags & kRowRankDeficient) != 0;
   }
-  summary.rows += rows_.size();
-  summary.entries += block.indices.size();
-  rows_.clear();
-  return block;
+  summary.rows += count;
+  summary.entries += block_.indices.size() - before;
 }
 
 template class BlockBuilder<2>;

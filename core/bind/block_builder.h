@@ -5,8 +5,10 @@
 #include <algorithm>
 #include <atomic>
 #include <span>
+#include <utility>
 #include <vector>
 
+#include "base/parallel.h"
 #include "bind/binding.h"
 #include "bind/quantum.h"
 #include "estimate/row.h"
@@ -21,14 +23,25 @@ struct FinishedRow {
   double error = 0.0;  // of linear precision
   uint8_t flags = 0;
   SampleCounts counts;
+
+  // Keeps its memory.
+  void clear() {
+    entries.clear();
+    error = 0.0;
+    flags = 0;
+    counts = {};
+  }
 };
 
 void add_counts(const SampleCounts& counts, BindingSummary& summary);
 
-// The rows under way to the next block.
+// The block under way, and the rows that will be packed next.
 template <int D>
 class BlockBuilder {
  public:
+  // Rows are made at most so many at a time for every thread, unpacked: more would leave the caches.
+  static constexpr size_t kRowsPerThreadMax = 64;
+
   // `diagonal`: of the cage, the unit of the rows' gradients.
   BlockBuilder(const BindingSettings& settings, double diagonal) : settings_(settings), diagonal_(diagonal) {}
 
@@ -37,29 +50,33 @@ class BlockBuilder {
   template <class Body>
   Binding::Step advance(size_t points, Quantum& quantum, size_t grain, const std::atomic<bool>& cancel,
                         const Body& body, RowBlock& block, BindingSummary& summary) {
-    if (next_row_ == points && rows_.empty()) return Binding::Step::kDone;
-    const size_t room = settings_.block_rows - rows_.size(), first = rows_.size();
-    const size_t count = std::min({quantum.size(), room, points - next_row_});
-    rows_.resize(first + count);
+    if (next_row_ == points && block_.flags.empty()) return Binding::Step::kDone;
+    const size_t room = settings_.block_rows - block_.flags.size();
+    const size_t count = std::min({quantum.size(), kRowsPerThreadMax * parallel_width(), room, points - next_row_});
+    if (rows_.size() < count) rows_.resize(count);
+    for (FinishedRow<D>& row : std::span(rows_).first(count)) row.clear();
     const bool complete = quantum.run(count, grain, cancel, [&](size_t begin, size_t end) {
-      return body(next_row_ + begin, std::span(rows_).subspan(first + begin, end - begin));
+      return body(next_row_ + begin, std::span(rows_).subspan(begin, end - begin));
     });
     if (!complete) return Binding::Step::kCancelled;
+    pack(count, summary);
     next_row_ += count;
     if (count < room && next_row_ < points) return Binding::Step::kWorking;
-    block = pack(summary);
+    block = std::exchange(block_, {});
     return Binding::Step::kBlock;
   }
 
   uint64_t next_row() const { return next_row_; }
 
  private:
-  RowBlock pack(BindingSummary& summary);
+  // Appends the first of rows_, which begin at next_row_, to the block.
+  void pack(size_t count, BindingSummary& summary);
 
   const BindingSettings& settings_;
   const double diagonal_;
   uint64_t next_row_ = settings_.first_row;
-  std::vector<FinishedRow<D>> rows_;  // the last ones before next_row_
+  RowBlock block_;
+  std::vector<FinishedRow<D>> rows_;
 };
 
 extern template class BlockBuilder<2>;

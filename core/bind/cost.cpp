@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "base/tolerances.h"
+#include "bind/block_builder.h"
 #include "bind/quantum.h"
 #include "estimate/point_estimator.h"
 #include "estimate/row.h"
@@ -144,10 +145,13 @@ class Model {
 
   // The rows under way, and the same packed; a vector that grows holds its old half as well, once the longest.
   double block(double entries) const {
+    const double unpacked = grown(entries, vertices(), data_);
     if (options_.influences_max > 0) entries = std::min(entries, static_cast<double>(options_.influences_max));
     const double rows = static_cast<double>(std::min(size_.block_rows, size_.points));
+    const double at_once =
+        std::min(rows, static_cast<double>(BlockBuilder<D>::kRowsPerThreadMax) * static_cast<double>(size_.threads));
     const double values = grown(rows * entries), gradients = options_.gradients ? grown(rows * entries * D) : 0.0;
-    return rows * (kFinishedRow + kChunk + grown(entries, vertices(), data_) * sizeof(RowEntry<D>)) +
+    return at_once * (kFinishedRow + kChunk + unpacked * sizeof(RowEntry<D>)) +
            grown(rows * entries) * sizeof(uint32_t) + (values + gradients) * sizeof(double) +
            0.5 * std::max(values, gradients) * sizeof(double) + 16.0 * rows;
   }

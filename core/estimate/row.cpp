@@ -193,38 +193,58 @@ void RowFinisher<D>::limit(std::vector<RowEntry<D>>& row) const {
 // vertices the constraints of sum and position are orthogonal, so each is met on its own.
 template <int D>
 double RowFinisher<D>::correct(const Vec<D>& x, std::vector<RowEntry<D>>& row) const {
-  const auto vertices = cage_.control_vertices();
-  Vec<D> mean = Vec<D>::Zero();
-  const auto count = static_cast<double>(row.size());
-  for (const RowEntry<D>& entry : row) mean += vertices[entry.vertex];
-  mean /= count;
-  Mat<D> scatter = Mat<D>::Zero();
-  for (const RowEntry<D>& entry : row) {
-    const Vec<D> from_mean = vertices[entry.vertex] - mean;
-    scatter += from_mean * from_mean.transpose();
+  // An entry in every row, so that sums run over vectors; memory that Eigen aligns, so that their order is always the
+  // same.
+  struct Columns {
+    Eigen::VectorXd value;
+    Eigen::Matrix<double, Eigen::Dynamic, D> vertex, gradient;
+  };
+  thread_local Columns c;
+  const auto count = static_cast<Eigen::Index>(row.size());
+  const bool gradients = settings_.gradients;
+  c.value.resize(count);
+  c.vertex.resize(count, D);
+  c.gradient.resize(gradients ? count : 0, D);
+  for (Eigen::Index i = 0; i < count; ++i) {
+    const RowEntry<D>& entry = row[static_cast<size_t>(i)];
+    c.value[i] = entry.value;
+    c.vertex.row(i) = cage_.control_vertices()[entry.vertex].transpose();
+    if (gradients) c.gradient.row(i) = entry.gradient.transpose();
   }
+  const Eigen::Matrix<double, 1, D> mean = c.vertex.colwise().sum() / static_cast<double>(count);
+  c.vertex.rowwise() -= mean;
+  Mat<D> scatter;
+  for (int k = 0; k < D; ++k)
+    for (int l = 0; l <= k; ++l) scatter(k, l) = scatter(l, k) = c.vertex.col(k).dot(c.vertex.col(l));
   const Eigen::LDLT<Mat<D>> solver(scatter);
   // The second pass removes what the first one's rounding left; the third only measures.
   for (int pass = 0;; ++pass) {
-    double sum = 1.0;
-    Vec<D> position = x - mean, gradient_sum = Vec<D>::Zero();
-    Mat<D> jacobian = Mat<D>::Identity();
-    for (const RowEntry<D>& entry : row) {
-      const Vec<D> from_mean = vertices[entry.vertex] - mean;
-      sum -= entry.value;
-      position -= entry.value * from_mean;
-      if (!settings_.gradients) continue;
-      gradient_sum -= entry.gradient;
-      jacobian -= entry.gradient * from_mean.transpose();
+    const double sum = 1.0 - c.value.sum();
+    Vec<D> position = x - mean.transpose();
+    for (int k = 0; k < D; ++k) position[k] -= c.value.dot(c.vertex.col(k));
+    if (pass == 2) {
+      for (Eigen::Index i = 0; i < count; ++i) {
+        RowEntry<D>& entry = row[static_cast<size_t>(i)];
+        entry.value = c.value[i];
+        if (gradients) entry.gradient = c.gradient.row(i).transpose();
+      }
+      return (position + sum * mean.transpose()).norm() / std::max(1.0, x.norm());
     }
-    if (pass == 2) return (position + sum * mean).norm() / std::max(1.0, x.norm());
     const Vec<D> position_change = solver.solve(position);
-    sum /= count;
-    for (RowEntry<D>& entry : row) entry.value += sum + position_change.dot(vertices[entry.vertex] - mean);
-    if (!settings_.gradients) continue;
+    c.value.array() += sum / static_cast<double>(count);
+    for (int k = 0; k < D; ++k) c.value += position_change[k] * c.vertex.col(k);
+    if (!gradients) continue;
+    Mat<D> jacobian = Mat<D>::Identity();
+    Vec<D> gradient_sum;
+    for (int k = 0; k < D; ++k) {
+      gradient_sum[k] = -c.gradient.col(k).sum();
+      for (int l = 0; l < D; ++l) jacobian(k, l) -= c.gradient.col(k).dot(c.vertex.col(l));
+    }
     const Mat<D> jacobian_change = solver.solve(jacobian.transpose()).transpose();
-    gradient_sum /= count;
-    for (RowEntry<D>& entry : row) entry.gradient += gradient_sum + jacobian_change * (vertices[entry.vertex] - mean);
+    for (int k = 0; k < D; ++k) {
+      c.gradient.col(k).array() += gradient_sum[k] / static_cast<double>(count);
+      for (int l = 0; l < D; ++l) c.gradient.col(k) += jacobian_change(k, l) * c.vertex.col(l);
+    }
   }
 }
 
