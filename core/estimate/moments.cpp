@@ -1,17 +1,20 @@
 #include "estimate/moments.h"
 
-#include <algorithm>
+#include <bit>
 #include <cmath>
+#include <utility>
 
 namespace barycast {
 
 template <int D>
 MomentAccumulator<D>::MomentAccumulator(const Cage<D>& cage)
-    : cage_(cage), by_vertex_(cage.control_vertex_count(), Vec<D + 1>::Zero()), touched_(cage.control_vertex_count()) {}
+    : cage_(cage),
+      by_vertex_(cage.control_vertex_count(), Vec<D + 1>::Zero()),
+      touched_((cage.control_vertex_count() + 63) / 64) {}
 
 template <int D>
 void MomentAccumulator<D>::accumulate(std::span<const Sample<D>> samples, Weights weights, Moments<D>& out) {
-  out = {};
+  out.clear();
   out.sample_count = samples.size();
   if (samples.empty()) return;
 
@@ -39,20 +42,16 @@ void MomentAccumulator<D>::accumulate(std::span<const Sample<D>> samples, Weight
     basis_.clear();
     cage_.append_basis(cage_.elements()[sample.element], sample.shares, 1.0, basis_);
     for (const VertexWeight& phi : basis_) {
-      if (!touched_[phi.vertex]) {
-        touched_[phi.vertex] = true;
-        touched_list_.push_back(phi.vertex);
-      }
+      touched_[phi.vertex / 64] |= uint64_t{1} << (phi.vertex % 64);
       by_vertex_[phi.vertex] += phi.weight * weighted;  // [SBC Eq. 8]
     }
   }
-  std::sort(touched_list_.begin(), touched_list_.end());
-  for (const uint32_t vertex : touched_list_) {
-    out.first.push_back({vertex, by_vertex_[vertex]});
-    by_vertex_[vertex].setZero();
-    touched_[vertex] = false;
-  }
-  touched_list_.clear();
+  for (size_t word = 0; word < touched_.size(); ++word)
+    for (uint64_t bits = std::exchange(touched_[word], 0); bits != 0; bits &= bits - 1) {
+      const auto vertex = static_cast<uint32_t>(64 * word) + static_cast<uint32_t>(std::countr_zero(bits));
+      out.first.push_back({vertex, by_vertex_[vertex]});
+      by_vertex_[vertex].setZero();
+    }
 }
 
 template class MomentAccumulator<2>;

@@ -30,6 +30,14 @@ struct Moments {
   bool is_signed = false;                    // there are such
   double weight_mean = 0.0;                  // of |w|
   size_t sample_count = 0;
+
+  // Keeps its memory.
+  void clear() {
+    std::vector<VertexMoment<D>> memory = std::move(first);
+    memory.clear();
+    *this = {};
+    first = std::move(memory);
+  }
 };
 
 enum class Weights { kAsGiven, kMagnitudes };
@@ -45,8 +53,7 @@ class MomentAccumulator {
  private:
   const Cage<D>& cage_;
   std::vector<Vec<D + 1>> by_vertex_;
-  std::vector<bool> touched_;
-  std::vector<uint32_t> touched_list_;
+  std::vector<uint64_t> touched_;  // a bit for every control vertex
   std::vector<VertexWeight> basis_;
 };
 
