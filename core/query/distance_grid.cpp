@@ -51,10 +51,10 @@ class DistanceGrid final : public DistanceIndex<D> {
     return std::max(0.0, std::sqrt(nearest_triangle(x, cell).distance_squared) - double{grid_.slack(cell)});
   }
 
-  void free_radii(const WalkPositions& at, uint32_t* /*hints*/, float* radii) const override {
+  void free_radii(const WalkPositions& at, uint32_t* hints, float* radii) const override {
     grid_radii(grid_, at, radii);
     for (size_t i = 0; i < at.count; ++i) {
-      if (radii[i] == kNotInGrid) radii[i] = rounded_down(everywhere_->free_radius(position_of<D>(at, i)));
+      if (radii[i] == kNotInGrid) everywhere_->free_radii({at.x + i, at.y + i, at.z + i, 1}, hints + i, radii + i);
     }
   }
 

@@ -24,6 +24,8 @@ constexpr uint32_t kOuterCells = 32;
 // Less far is enough where triangles are many.
 constexpr size_t kTrianglesMany = 6 * kBlockLanes;
 constexpr double kFar = 8.0, kFarOfMany = 4.0;
+// Where they are too many for lists; nearer than this, Embree is asked.
+constexpr double kFarLeast = 1.25;
 // Facets may deviate by this part of the distance, which the radius then falls short by.
 constexpr double kDetail = 0.025;
 // Evaluations of blocks, of some ten nanoseconds each, for a lattice. Cubes are cut from large to small: where a cage
@@ -243,7 +245,7 @@ class Builder {
       next += near.size();
     }
     const uint32_t children = dimension_ == 2 ? 4 : 8;
-    if (cube.size == 1 || evaluations_left_ < children * next) return set(cube, listed(near));
+    if (cube.size == 1 || evaluations_left_ < children * next) return set(cube, listed_or_far(near, centre, half));
     const auto shared = std::make_shared<const Kept>(std::move(kept));
     const uint32_t step = cube.size / 2;
     for (uint32_t child = 0; child < children; ++child) {
@@ -343,6 +345,12 @@ class Builder {
       blocks.push_back(block);
     }
     return list_of(blocks, static_cast<float>(deviation_of(near)) + kBlockRounding);
+  }
+
+  // Where the triangles are too many for a list, how far they are will do, unless they are in the cell or next to it.
+  uint32_t listed_or_far(const std::vector<Near>& near, const Vec<3>& centre, double half) {
+    const uint32_t value = listed(near);
+    return value == kNoCell && least_distance(near) > kFarLeast * half ? far(centre, near) : value;
   }
 
   void append_triangles(const std::vector<Near>& near, std::vector<uint32_t>& triangles) const {
