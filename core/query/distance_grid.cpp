@@ -54,8 +54,17 @@ class DistanceGrid final : public DistanceIndex<D> {
   void free_radii(const WalkPositions& at, uint32_t* hints, float* radii) const override {
     grid_radii(grid_, at, radii);
     for (size_t i = 0; i < at.count; ++i) {
-      if (radii[i] == kNotInGrid) everywhere_->free_radii({at.x + i, at.y + i, at.z + i, 1}, hints + i, radii + i);
+      if (radii[i] == kNotInGrid) radii[i] = distance_anywhere(position_of<D>(at, i), hints[i]);
     }
+  }
+
+  // By Embree, no further than the element that was closest last.
+  float distance_anywhere(const Vec<D>& x, uint32_t& hint) const {
+    double within = std::numeric_limits<double>::infinity();
+    if (hint != kNoHint) within = std::sqrt(closest_on({hint, {}}, x).distance_squared);
+    const CagePoint<D> closest = everywhere_->closest(x, within);
+    hint = closest.element;
+    return rounded_down(closest.distance);
   }
 
   size_t bytes() const override {
