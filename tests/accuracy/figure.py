@@ -1,5 +1,5 @@
 """Error against samples and against time, from the records of accuracy.py: a row of panels per kind of coordinates and
-axis, a column per query set."""
+axis, a column per query set; of a single set a row per kind, a column per axis."""
 
 import matplotlib
 
@@ -22,17 +22,20 @@ def draw(records, path, title):
     sets = _values(records, "set")
     if not rows:
         return
-    plots, axes = plt.subplots(len(rows), len(sets), figsize=(3.2 * len(sets), 2.7 * len(rows)), squeeze=False,
+    panels = [(kind, across, name) for kind, across in rows for name in sets]
+    width = 2 if len(sets) == 1 and len(rows) % 2 == 0 else len(sets)
+    height = len(panels) // width
+    plots, axes = plt.subplots(height, width, figsize=(max(3.2 * width, 8.0), 2.7 * height), squeeze=False,
                                constrained_layout=True)
-    for line, (kind, across) in zip(axes, rows):
-        for axis, name in zip(line, sets):
-            _panel(axis, [r for r in records if r["set"] == name and _shown(r, kind, across)], across)
-            if across == "m":
-                for record in records:  # a level that no number of samples moves
-                    if (record["coordinates"], record["set"], record["m"]) == (kind, name, None):
-                        axis.axhline(record["E_rms"], color=COLOURS[record["preset"]], linewidth=0.8)
-            axis.set_title(f"{kind}, {name}", fontsize=9)
-            axis.set_xlabel("samples per point" if across == "m" else "seconds, the whole mesh", fontsize=8)
+    for axis, (kind, across, name) in zip(axes.flat, panels):
+        _panel(axis, [r for r in records if r["set"] == name and _shown(r, kind, across)], across)
+        if across == "m":
+            for record in records:  # a level that no number of samples moves
+                if (record["coordinates"], record["set"], record["m"]) == (kind, name, None):
+                    axis.axhline(record["E_rms"], color=COLOURS[record["preset"]], linewidth=0.8)
+        axis.set_title(f"{kind}, {name}", fontsize=9)
+        axis.set_xlabel("samples per point" if across == "m" else "seconds, the whole mesh", fontsize=8)
+    for line in axes:
         line[0].set_ylabel("E, root mean square", fontsize=8)
     handles = [plt.Line2D([], [], color=COLOURS[preset], label=preset) for preset in _values(records, "preset")]
     handles += [plt.Line2D([], [], color="black", linestyle=STYLES[denoise], label=label)
