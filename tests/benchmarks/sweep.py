@@ -2,8 +2,8 @@
 """How time and memory grow: sweep.py [--axes cages points samples threads] [--repeats N] [--json FILE]
 
 Runs barycast_bench over spheres, one number varied at a time around a middle (harmonic, 600 triangles, 30,000 points in
-a sphere of 0.8 of the cage's size, 50 samples, 2 threads, denoised but for the sizes of cages), and prints a table: microseconds of the whole
-binding per point, of its walks and of their moments and fits, and bytes per point at the peak. Every setting runs in a
+a sphere of 0.8 of the cage's size, 50 samples, 2 threads, denoised but for the sizes of cages), and prints a table:
+microseconds of the whole binding per point, of its walks and of their moments and fits, and bytes per point at the peak. Every setting runs in a
 process of its own, so that peaks are its own; the medians of N repeats; the settings of an axis in turns. Wants
 build/bin/barycast_bench and a quiet machine.
 """
@@ -36,6 +36,7 @@ def arguments_of(command_line):
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--denoise", choices=("auto", "none"), default="auto")
     parser.add_argument("--most", type=int, help="leave out larger settings of an axis")
+    parser.add_argument("--bench", type=Path, default=BENCH, help="the program")
     parser.add_argument("--json", help="file for what barycast_bench printed")
     return parser.parse_args(command_line)
 
@@ -50,7 +51,8 @@ def write_sphere(path, parallels, meridians, radius, triangles):
     corner = 1 + np.arange((parallels - 1) * meridians).reshape(parallels - 1, meridians)
     beside = np.roll(corner, -1, axis=1)
     last = np.full(meridians, len(points) - 1)
-    faces = [np.stack([np.zeros(meridians, int), corner[0], beside[0]], -1), np.stack([last, beside[-1], corner[-1]], -1)]
+    first = np.zeros(meridians, int)
+    faces = [np.stack([first, corner[0], beside[0]], -1), np.stack([last, beside[-1], corner[-1]], -1)]
     quads = np.stack([corner[:-1], corner[1:], beside[1:], beside[:-1]], -1).reshape(-1, 4)
     faces += [quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]] if triangles else [quads]
     with open(path, "w", encoding="ascii") as file:
@@ -69,13 +71,13 @@ def write_model(path, points):
     write_sphere(path, parallels, round(points / (parallels - 1)), 0.8, False)
 
 
-def run(setting, denoise, folder):
+def run(bench, setting, denoise, folder):
     cage, model = folder / f"cage{setting['triangles']}.obj", folder / f"model{setting['points']}.obj"
     if not cage.exists():
         write_cage(cage, setting["triangles"])
     if not model.exists():
         write_model(model, setting["points"])
-    done = subprocess.run([BENCH, "--cage", cage, "--model", model, "--samples", str(setting["samples"]), "--threads",
+    done = subprocess.run([bench, "--cage", cage, "--model", model, "--samples", str(setting["samples"]), "--threads",
                            str(setting["threads"]), "--denoise", denoise, "--repeats", "1", "--json"],
                           capture_output=True, text=True, timeout=TIMEOUT_SECONDS)
     if done.returncode != 0:
@@ -99,8 +101,8 @@ def line_of(value, runs):
 
 def main():
     arguments = arguments_of(sys.argv[1:])
-    if not BENCH.exists():
-        sys.exit(f"sweep.py: there is no {BENCH}; run cmake --build build --target barycast_bench")
+    if not arguments.bench.exists():
+        sys.exit(f"sweep.py: there is no {arguments.bench}; run cmake --build build --target barycast_bench")
     records = []
     with tempfile.TemporaryDirectory() as name:
         for axis in arguments.axes:
@@ -110,7 +112,7 @@ def main():
             runs = {value: [] for value in values}
             for _ in range(arguments.repeats):
                 for value in values:
-                    runs[value].append(run({**MIDDLE, of: value}, denoise, Path(name)))
+                    runs[value].append(run(arguments.bench, {**MIDDLE, of: value}, denoise, Path(name)))
             print(f"{of:>10} {'elements':>9} {'vertices':>9} {'points':>10} {'seconds':>9} {'us/point':>10} "
                   f"{'walks':>10} {'fits':>10} {'build, s':>9} {'bytes/pt.':>10}", flush=True)
             for value in values:

@@ -2,6 +2,8 @@
 
 import json
 import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -37,3 +39,15 @@ def test_every_combination_is_a_variant(barycast_bench, files):
 def test_refuses_what_it_cannot_read(barycast_bench, files, tmp_path):
     done = run(barycast_bench, *files[:3], tmp_path / "missing.obj")
     assert done.returncode == 2 and "missing.obj" in done.stderr
+
+
+def test_the_sweep_runs(barycast_bench, tmp_path):
+    sweep = Path(__file__).resolve().parents[1] / "benchmarks/sweep.py"
+    done = run(sys.executable, sweep, "--bench", barycast_bench, "--axes", "cages", "--most", "12", "--repeats", "1",
+               "--json", tmp_path / "sweep.json")
+    assert done.returncode == 0, done.stderr
+    head, line = done.stdout.splitlines()
+    assert head.split()[:4] == ["triangles", "elements", "vertices", "points"]
+    assert line.split()[:4] == ["12", "12", "8", "30,010"]
+    [record] = json.loads((tmp_path / "sweep.json").read_text())
+    assert record["elements"] == 12 and record["total_s"] > 0
