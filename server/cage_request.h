@@ -1,7 +1,7 @@
 #pragma once
 
 // From a decoded cage to its shared index: digest, comparison with what the client expected, cache, and
-// at most one build. Linear in the cage, plus the build (tens of milliseconds) where the cache misses.
+// at most one build. Linear in the cage, plus checks and winding numbers where the cache misses.
 // Runs on the compute arena.
 
 #include <functional>

@@ -72,8 +72,16 @@ class ComputeCall final : public grpc::ServerBidiReactor<Request, Response> {
     // A broken stream and a half-close both end the input; only the latter is followed by work.
     if (log_.cancelled()) return conclude(cancelled_refusal());
     request_ = {};
+    job_.prepare([this](std::optional<Refusal> refusal) {
+      if (refusal) return conclude(*refusal);
+      state_.arena.post([this] { begin(); });
+    });
+  }
+
+  void begin() {
+    if (log_.cancelled()) return conclude(cancelled_refusal());
     const std::optional<Refusal> refusal = guarded([this]() -> std::optional<Refusal> {
-      std::variant<Response, Refusal> header = job_.end_of_input(log_.cancel_flag());
+      std::variant<Response, Refusal> header = job_.begin(log_.cancel_flag());
       if (Refusal* refused = std::get_if<Refusal>(&header)) return std::move(*refused);
       outgoing_.push_back(std::move(std::get<Response>(header)));
       return std::nullopt;

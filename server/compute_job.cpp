@@ -85,8 +85,20 @@ std::optional<Refusal> ComputeJob::admit(const BindingSize& cage_size) {
   return std::nullopt;
 }
 
-std::variant<ComputeJob::Response, Refusal> ComputeJob::end_of_input(const std::atomic<bool>& cancel) {
-  if (!plan_) return refuse(invalid_argument("header", "missing; the first message must be the header"));
+void ComputeJob::prepare(Then then) {
+  if (!plan_) return then(refuse(invalid_argument("header", "missing; the first message must be the header")));
+  // What follows `then` must not touch this job.
+  index_->prepare(plan_->options, [this, then, start = Clock::now()](const Status& built) {
+    then(guarded([&]() -> std::optional<Refusal> {
+      if (!built) return refuse(built.error());
+      state_.cages.recount(*index_);
+      cage_s_ += std::chrono::duration<double>(Clock::now() - start).count();
+      return std::nullopt;
+    }));
+  });
+}
+
+std::variant<ComputeJob::Response, Refusal> ComputeJob::begin(const std::atomic<bool>& cancel) {
   Result<QueryInput> queries = assembler_->take();
   if (!queries) return refuse(queries.error());
   Result<std::unique_ptr<Binding>> binding = Binding::create(

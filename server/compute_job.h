@@ -35,8 +35,10 @@ class ComputeJob {
   // `then` is called exactly once, with what is wrong or nothing; later and on another thread where the
   // cage is being built by another request.
   void receive(const v1::ComputeCoordinatesRequest& message, std::function<void(std::optional<Refusal>)> then);
-  // Everything is there: makes the binding. The answer's header, or what is wrong.
-  std::variant<Response, Refusal> end_of_input(const std::atomic<bool>& cancel);
+  // Everything is there: builds what the computation asks of the cage. `then` as above.
+  void prepare(std::function<void(std::optional<Refusal>)> then);
+  // After that: makes the binding. The answer's header, or what is wrong.
+  std::variant<Response, Refusal> begin(const std::atomic<bool>& cancel);
 
   struct Step {
     std::optional<Response> message;

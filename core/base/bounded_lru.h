@@ -28,9 +28,15 @@ class BoundedLru {
   // be destroyed where the caller likes.
   void keep(const Key& key, Value value, uint64_t bytes, std::vector<Value>& evicted) {
     if (bytes > bytes_max_ || by_key_.contains(key)) return;
+    const auto at = by_key_.try_emplace(key, entries_.end()).first;
+    try {
+      entries_.push_front({key, std::move(value), bytes});
+    } catch (...) {
+      by_key_.erase(at);
+      throw;
+    }
+    at->second = entries_.begin();
     bytes_ += bytes;
-    entries_.push_front({key, std::move(value), bytes});
-    by_key_[key] = entries_.begin();
     make_room(evicted);
   }
 

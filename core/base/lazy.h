@@ -1,44 +1,86 @@
 #pragma once
 
-// Something large that is built when it is first asked for, once, whoever asks.
+// Something large that is built when it is first asked for, once, whoever asks. Who asks while it is built leaves a
+// callback and blocks no thread.
 
-#include <atomic>
+#include <exception>
+#include <functional>
+#include <future>
 #include <memory>
 #include <mutex>
+#include <new>
+#include <utility>
+#include <vector>
 
 #include "base/result.h"
 
 namespace barycast {
 
-// T has bytes(). Thread-safe; those that ask while it is built wait. `build` must not hand work to other threads, whose
-// tasks might ask again.
+// T has bytes(). Thread-safe.
 template <class T>
 class Lazy {
  public:
-  // build(): Result<std::unique_ptr<const T>>, called unless a build has succeeded before.
+  using Then = std::function<void(Status)>;
+
+  // build(): Result<std::unique_ptr<const T>>, called here and now unless a build has succeeded or is under way. `then`
+  // is called once: before this returns, or later on the thread of another one's build.
   template <class Build>
-  Status prepare(const Build& build) const {
-    if (ready_.load(std::memory_order_acquire) != nullptr) return Done{};
-    const std::scoped_lock lock(mutex_);
-    if (owned_) return Done{};
-    auto built = build();
-    if (!built) return built.error();
-    owned_ = std::move(built).value();
-    ready_.store(owned_.get(), std::memory_order_release);
-    return Done{};
+  void prepare(const Build& build, Then then) const {
+    std::unique_lock lock(mutex_);
+    if (built_) {
+      lock.unlock();
+      return then(Done{});
+    }
+    waiters_.push_back(std::move(then));
+    if (std::exchange(building_, true)) return;
+    lock.unlock();
+    Result<std::unique_ptr<const T>> built = run(build);
+    const Status status = built.ok() ? Status(Done{}) : Status(built.error());
+    std::vector<Then> waiters;
+    lock.lock();
+    if (built.ok()) built_ = std::move(built).value();
+    building_ = false;
+    waiters.swap(waiters_);
+    lock.unlock();
+    for (const Then& waiter : waiters) waiter(status);
   }
+
   // After a `prepare` that succeeded.
-  const T& operator*() const { return *ready_.load(std::memory_order_acquire); }
+  const T& operator*() const {
+    const std::scoped_lock lock(mutex_);
+    return *built_;
+  }
   // 0 before.
   size_t bytes() const {
-    const T* const built = ready_.load(std::memory_order_acquire);
-    return built == nullptr ? 0 : built->bytes();
+    const std::scoped_lock lock(mutex_);
+    return built_ ? built_->bytes() : 0;
   }
 
  private:
+  // Whoever waits must hear of the end of a build, so that no exception may pass it.
+  template <class Build>
+  static Result<std::unique_ptr<const T>> run(const Build& build) {
+    try {
+      return build();
+    } catch (const std::bad_alloc&) {
+      return Error{ErrorCode::kResourceExhausted, "cage", "out of memory while it was built; use a coarser cage"};
+    } catch (const std::exception& e) {
+      return Error{ErrorCode::kInternal, "cage", e.what()};
+    }
+  }
+
   mutable std::mutex mutex_;
-  mutable std::unique_ptr<const T> owned_;
-  mutable std::atomic<const T*> ready_{nullptr};
+  mutable std::unique_ptr<const T> built_;
+  mutable bool building_ = false;
+  mutable std::vector<Then> waiters_;
 };
+
+// What a call that takes a callback calls back with; waits for it.
+template <class Call>
+Status wait_for(const Call& call) {
+  std::promise<Status> status;
+  call([&](Status result) { status.set_value(std::move(result)); });
+  return status.get_future().get();
+}
 
 }  // namespace barycast

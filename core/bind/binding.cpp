@@ -223,7 +223,9 @@ class BindingOf final : public Binding {
       FinishedRow<D>& row = rows[task.places[k]];
       finisher_.evaluate(own.projected, task.points[k], row.entries);
       row.flags = own.flags;
-      row.counts = own.counts;
+      // A node that denoising left alone was counted when it was first sampled.
+      const size_t node = queries_.node_of_point[first + task.places[k]];
+      if (!smoothed() || !nodes_with_faces_[node]) row.counts = own.counts;
       row.error = finisher_.finish(task.points[k], row.entries);
     }
     return true;
@@ -269,7 +271,7 @@ Result<std::unique_ptr<Binding>> create_of(std::shared_ptr<const CageIndex> inde
                                            const std::atomic<bool>& cancel) {
   if (auto status = check_dimension(settings.options, D); !status) return status.error();
   if (auto status = check_estimator(structures.cage, settings.options); !status) return status.error();
-  if (auto status = structures.prepare(settings.options); !status) return status.error();
+  if (auto status = index->prepare(settings.options); !status) return status.error();
   auto queries = QuerySet<D>::create(input, structures.cage.frame(), cancel);
   if (!queries) return queries.error();
   if (settings.first_row >= queries->points.size())

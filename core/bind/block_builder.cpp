@@ -17,7 +17,7 @@ void BlockBuilder<D>::pack(size_t count, BindingSummary& summary) {
     block_.offsets.push_back(0);
   }
   const size_t before = block_.indices.size();
-  for (const FinishedRow<D>& row : std::span(rows_).first(count)) {
+  for (FinishedRow<D>& row : std::span(rows_).first(count)) {
     for (const RowEntry<D>& entry : row.entries) {
       block_.indices.push_back(entry.vertex);
       block_.values.push_back(entry.value);
@@ -33,7 +33,9 @@ void BlockBuilder<D>::pack(size_t count, BindingSummary& summary) {
     summary.rows_few_samples += (row.flags & kRowFewSamples) != 0;
     summary.rows_no_samples += (row.flags & kRowNoSamples) != 0;
     summary.rows_rank_deficient += (row.flags & kRowRankDeficient) != 0;
+    row.clear();
   }
+  next_row_ += count;
   summary.rows += count;
   summary.entries += block_.indices.size() - before;
 }

@@ -52,15 +52,17 @@ class BlockBuilder {
                         const Body& body, RowBlock& block, BindingSummary& summary) {
     if (next_row_ == points && block_.flags.empty()) return Binding::Step::kDone;
     const size_t room = settings_.block_rows - block_.flags.size();
-    const size_t count = std::min({quantum.size(), kRowsPerThreadMax * parallel_width(), room, points - next_row_});
-    if (rows_.size() < count) rows_.resize(count);
-    for (FinishedRow<D>& row : std::span(rows_).first(count)) row.clear();
-    const bool complete = quantum.run(count, grain, cancel, [&](size_t begin, size_t end) {
-      return body(next_row_ + begin, std::span(rows_).subspan(begin, end - begin));
-    });
+    const size_t count = std::min({quantum.size(), room, points - next_row_});
+    const size_t batch = kRowsPerThreadMax * parallel_width();
+    if (rows_.size() < std::min(batch, count)) rows_.resize(std::min(batch, count));
+    const uint64_t first_row = next_row_;
+    const bool complete = quantum.run(
+        count, batch, grain, cancel,
+        [&](size_t begin, size_t end) {
+          return body(first_row + begin, std::span(rows_).subspan(begin % batch, end - begin));
+        },
+        [&](size_t begin, size_t end) { pack(end - begin, summary); });
     if (!complete) return Binding::Step::kCancelled;
-    pack(count, summary);
-    next_row_ += count;
     if (count < room && next_row_ < points) return Binding::Step::kWorking;
     block = std::exchange(block_, {});
     return Binding::Step::kBlock;
@@ -69,7 +71,7 @@ class BlockBuilder {
   uint64_t next_row() const { return next_row_; }
 
  private:
-  // Appends the first of rows_, which begin at next_row_, to the block.
+  // Appends the first of rows_, which are from next_row_ on, to the block, and clears them.
   void pack(size_t count, BindingSummary& summary);
 
   const BindingSettings& settings_;

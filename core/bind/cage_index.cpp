@@ -45,14 +45,17 @@ template <int D>
 CageStructures<D>::~CageStructures() = default;
 
 template <int D>
-Status CageStructures<D>::prepare(const ResolvedOptions& options) const {
+void CageStructures<D>::prepare(const ResolvedOptions& options, std::function<void(Status)> then) const {
+  const auto embree = [this] { return make_embree_distance_index<D>(cage); };
+  const auto grid = [this] { return make_distance_grid<D>(cage); };
   if (options.coordinates == CoordinateKind::kHarmonic)
-    return walks.prepare([&] {
-      return engine == DistanceEngine::kGrid ? make_distance_grid<D>(cage) : make_embree_distance_index<D>(cage);
-    });
-  if (options.estimator == Estimator::kExact) return Done{};
-  const Status built = elements.prepare([&] { return make_embree_distance_index<D>(cage); });
-  return built ? lines.prepare([&] { return make_line_index<D>(cage); }) : built;
+    return engine == DistanceEngine::kGrid ? walks.prepare(grid, std::move(then))
+                                           : walks.prepare(embree, std::move(then));
+  if (options.estimator == Estimator::kExact) return then(Done{});
+  elements.prepare(embree, [this, then = std::move(then)](const Status& built) {
+    if (!built) return then(built);
+    lines.prepare([this] { return make_line_index<D>(cage); }, then);
+  });
 }
 
 template <int D>
@@ -112,8 +115,12 @@ size_t CageIndex::bytes() const {
   return sizeof(*this) + std::visit([](const auto& s) { return s->bytes(); }, structures_);
 }
 
+void CageIndex::prepare(const ResolvedOptions& options, std::function<void(Status)> then) const {
+  std::visit([&](const auto& s) { s->prepare(options, std::move(then)); }, structures_);
+}
+
 Status CageIndex::prepare(const ResolvedOptions& options) const {
-  return std::visit([&](const auto& s) { return s->prepare(options); }, structures_);
+  return wait_for([&](std::function<void(Status)> then) { prepare(options, std::move(then)); });
 }
 
 int CageIndex::dimension() const {

@@ -6,6 +6,7 @@
 // change a bit of any row.
 
 #include <cstddef>
+#include <functional>
 #include <memory>
 #include <span>
 #include <variant>
@@ -34,8 +35,8 @@ struct CageStructures {
   CageStructures(Cage<D> of, DistanceEngine walks);
   ~CageStructures();
 
-  // Builds what computations with these options need, unless another one did. Errors: those of the builders.
-  Status prepare(const ResolvedOptions& options) const;
+  // As CageIndex::prepare.
+  void prepare(const ResolvedOptions& options, std::function<void(Status)> then) const;
   // Closest points of queries: after `prepare`, from the same engine whatever else has been built.
   const DistanceIndex<D>& closest_points(const ResolvedOptions& options) const;
   size_t bytes() const;
@@ -78,8 +79,12 @@ class CageIndex {
 
   // As the function of that name.
   Status check_estimator(const ResolvedOptions& options) const;
-  // Builds what computations with these options need, unless another one did: milliseconds for hundreds of elements,
-  // half a second for the largest cages. Binding::create would, too. Errors: kInternal when Embree fails.
+  // Builds what computations with these options need, here and now unless it is there or under way: milliseconds for
+  // hundreds of elements, half a second for ten thousand, some seconds for a hundred thousand. `then` is called once:
+  // before this returns, or later on the thread that builds; the index must live until then. Binding::create prepares
+  // as well, and waits. Errors: kInternal when Embree fails, kResourceExhausted.
+  void prepare(const ResolvedOptions& options, std::function<void(Status)> then) const;
+  // The same, and waits.
   Status prepare(const ResolvedOptions& options) const;
 
   const Structures& structures() const { return structures_; }

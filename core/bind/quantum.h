@@ -45,13 +45,23 @@ class Quantum {
   // when it did not, or `cancel` was set.
   template <class Body>
   bool run(size_t count, size_t grain, const std::atomic<bool>& cancel, const Body& body) {
+    return run(count, count, grain, cancel, body, [](size_t, size_t) {});
+  }
+  // The same, `batch` at a time; calls finish(begin, end) after each, on this thread.
+  template <class Body, class Finish>
+  bool run(size_t count, size_t batch, size_t grain, const std::atomic<bool>& cancel, const Body& body,
+           const Finish& finish) {
     double seconds = 0.0;
     std::atomic<bool> complete = true;
     {
       const StageTimer timer(seconds);
-      parallel_for(count, std::clamp<size_t>(count / parallel_width(), 1, grain), [&](size_t begin, size_t end) {
-        if (!complete.load(std::memory_order_relaxed) || !body(begin, end)) complete = false;
-      });
+      for (size_t first = 0; first < count && complete; first += batch) {
+        const size_t size = std::min(batch, count - first);
+        parallel_for(size, std::clamp<size_t>(size / parallel_width(), 1, grain), [&](size_t begin, size_t end) {
+          if (!complete.load(std::memory_order_relaxed) || !body(first + begin, first + end)) complete = false;
+        });
+        if (complete) finish(first, first + size);
+      }
     }
     learn(count, seconds);
     return complete && !cancel;

@@ -28,9 +28,9 @@ constexpr double kFar = 8.0, kFarOfMany = 4.0;
 constexpr double kFarLeast = 3.0;
 // Facets may deviate by this part of the distance, which the radius then falls short by.
 constexpr double kDetail = 0.025;
-// Evaluations of blocks, of some ten nanoseconds each, for a lattice: so many, or so many for every triangle. Cubes are
-// cut from large to small: where a cage is too dense for it, all cells stay coarse, and list more.
-constexpr uint64_t kEvaluationsLeast = 3'000'000, kEvaluationsPerTriangle = 150;
+// Evaluations of blocks, of some ten nanoseconds each, for a lattice: so many for every triangle, within bounds. Cubes
+// are cut from large to small: where a cage is too dense for it, all cells stay coarse, and list more.
+constexpr uint64_t kEvaluationsLeast = 3'000'000, kEvaluationsMost = 15'000'000, kEvaluationsPerTriangle = 150;
 // Blocks for cells of their own: at least, and for every four triangles. Beyond, cells list the blocks of neighbours.
 constexpr size_t kOwnBlocksLeast = 400, kOwnBlocksPerFourTriangles = 3;
 constexpr size_t kOwnBlocksOfCell = 3;
@@ -208,7 +208,8 @@ class Builder {
 
   void fill(const GridLattice& lattice) {
     lattice_ = &lattice;
-    evaluations_left_ = std::max(kEvaluationsLeast, kEvaluationsPerTriangle * facets_.levels.front().triangle_count);
+    evaluations_left_ = std::clamp<uint64_t>(kEvaluationsPerTriangle * facets_.levels.front().triangle_count,
+                                             kEvaluationsLeast, kEvaluationsMost);
     const uint32_t size = std::bit_ceil(std::max({lattice.count[0], lattice.count[1], lattice.count[2]}));
     tasks_.push_back({{0, 0, 0, size}, std::make_shared<const Kept>(level_blocks_)});
     for (; !tasks_.empty(); tasks_.pop_front()) subdivide(tasks_.front());

@@ -119,6 +119,7 @@ Result<HeatKernel> HeatKernel::create(const MeshLaplacian& laplacian, std::span<
   kernel.row_.assign(lower.innerIndexPtr(), lower.innerIndexPtr() + kernel.column_begin_.back());
   kernel.factor_.resize(kernel.row_.size());
   for (size_t i = 0; i < kernel.factor_.size(); ++i) kernel.factor_[i] = static_cast<float>(lower.valuePtr()[i]);
+  kernel.inverse_pivot_.reserve(static_cast<size_t>(size));
   for (Eigen::Index i = 0; i < size; ++i) kernel.inverse_pivot_.push_back(static_cast<float>(1.0 / pivots[i]));
   return kernel;
 }

@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <malloc.h>
+#include <atomic>
+#include <future>
 #include <thread>
 
 #include <chrono>
@@ -49,8 +51,55 @@ TEST(Options, AreRefusedByName) {
   EXPECT_EQ(refused([](Options& o) { o.denoise = Denoise::kMesh; }), "denoise");
 }
 
-// Each kind of coordinates has its structures, built once however many ask at once, and what another kind built changes
-// no bit.
+struct Thing {
+  size_t bytes() const { return 7; }
+};
+
+TEST(Lazy, BuildsOnceForAllWhoAsk) {
+  Lazy<Thing> lazy;
+  std::atomic<int> builds = 0, answers = 0;
+  std::promise<void> go_on;
+  std::thread first([&] {
+    lazy.prepare(
+        [&]() -> Result<std::unique_ptr<const Thing>> {
+          ++builds;
+          go_on.get_future().wait();
+          return std::make_unique<const Thing>();
+        },
+        [&](const Status& status) { answers += status.ok(); });
+  });
+  while (builds == 0) std::this_thread::yield();
+  const auto never = [&]() -> Result<std::unique_ptr<const Thing>> {
+    ++builds;
+    return std::make_unique<const Thing>();
+  };
+  for (int i = 0; i < 5; ++i) lazy.prepare(never, [&](const Status& status) { answers += status.ok(); });
+  EXPECT_EQ(answers, 0);  // and nobody waited
+  EXPECT_EQ(lazy.bytes(), 0u);
+  go_on.set_value();
+  first.join();
+  EXPECT_EQ(answers, 6);
+  lazy.prepare(never, [&](const Status& status) { answers += status.ok(); });
+  EXPECT_EQ(answers, 7);
+  EXPECT_EQ(builds, 1);
+  EXPECT_EQ(lazy.bytes(), 7u);
+}
+
+TEST(Lazy, AFailureReachesAllAndIsTriedAgain) {
+  Lazy<Thing> lazy;
+  ErrorCode code{};
+  const auto keep = [&](const Status& status) { code = status.error().code; };
+  lazy.prepare([]() -> Result<std::unique_ptr<const Thing>> { throw std::bad_alloc(); }, keep);
+  EXPECT_EQ(code, ErrorCode::kResourceExhausted);
+  lazy.prepare([]() -> Result<std::unique_ptr<const Thing>> { return Error{ErrorCode::kInternal, "", "no"}; }, keep);
+  EXPECT_EQ(code, ErrorCode::kInternal);
+  bool built = false;
+  lazy.prepare([]() -> Result<std::unique_ptr<const Thing>> { return std::make_unique<const Thing>(); },
+               [&](const Status& status) { built = status.ok(); });
+  EXPECT_TRUE(built);
+}
+
+// Each kind of coordinates has its structures, and what another kind built changes no bit.
 TEST(CageIndex, BuildsWhatAKindAsksFor) {
   const testing::Shape shape = testing::sphere(6, 1.0);
   const auto harmonic = *resolve({}, false), mean_value = *resolve({.coordinates = CoordinateKind::kMeanValue}, false);

@@ -364,16 +364,36 @@ TEST(Smoothing, TimeFollowsEdgesAndSamples) {
   const SquaredEdges edges{.mean = mean, .median = median};
   EXPECT_NEAR(smoothing_time(edges, 0.1), 28 * 0.1 / 1.2 * median, 1e-15);
   EXPECT_NEAR(smoothing_time(edges, 0.01), 28 * 0.01 / 1.02 * median, 1e-15);
-  // Walks of a noise near 1 / sqrt(m), and lattices of rays, far less.
-  for (const uint32_t samples : {50u, 400u}) {
-    const double independent = smoothing_time(edges, 1 / std::sqrt(samples));
-    const double walks = chosen_time(mesh, Preset::kDefault, harmonic, samples);
-    EXPECT_GT(walks, 0.4 * independent);
-    EXPECT_LT(walks, 1.5 * independent);
-    EXPECT_LT(chosen_time(mesh, Preset::kDefault, mean_value, samples), 0.5 * walks);
-  }
+  // Of a few points the noise is not measured.
+  EXPECT_NEAR(chosen_time(mesh, Preset::kDefault, mean_value, 100), smoothing_time(edges, 0.1), 1e-12);
   EXPECT_NEAR(chosen_time(mesh, Preset::kPaper, harmonic, 50), (5 - std::log10(50)) * mean, 1e-12);
   EXPECT_NEAR(chosen_time(mesh, Preset::kPaper, mean_value, 1000), 2 * mean, 1e-12);
+}
+
+// Walks of a noise near 1 / sqrt(m), and lattices of rays of far less.
+TEST(Smoothing, TimeFollowsTheNoise) {
+  const QueryInput mesh = testing::mesh_of(testing::sphere(16, 0.5));
+  const SquaredEdges edges = *squared_edges(to_mesh(mesh), kNeverCancelled);
+  for (const uint32_t samples : {50u, 400u}) {
+    const double independent = smoothing_time(edges, 1 / std::sqrt(samples));
+    const double walks = chosen_time(mesh, Preset::kDefault, CoordinateKind::kHarmonic, samples);
+    EXPECT_GT(walks, 0.4 * independent);
+    EXPECT_LT(walks, 1.5 * independent);
+    EXPECT_LT(chosen_time(mesh, Preset::kDefault, CoordinateKind::kMeanValue, samples), 0.5 * walks);
+  }
+}
+
+// The same for the same points in another order.
+TEST(Smoothing, TimeFollowsNoOrder) {
+  testing::Shape shape = testing::sphere(16, 0.5);
+  const double time = chosen_time(testing::mesh_of(shape), Preset::kDefault, CoordinateKind::kHarmonic, 50);
+  const auto count = static_cast<uint32_t>(shape.vertex_count());
+  testing::Shape reversed = shape;
+  for (uint32_t i = 0; i < count; ++i)
+    for (uint32_t k = 0; k < 3; ++k) reversed.vertices[3 * (count - 1 - i) + k] = shape.vertices[3 * i + k];
+  for (auto* list : {&reversed.triangles, &reversed.quads})
+    for (uint32_t& v : *list) v = count - 1 - v;
+  EXPECT_EQ(chosen_time(testing::mesh_of(reversed), Preset::kDefault, CoordinateKind::kHarmonic, 50), time);
 }
 
 RowBlock bind_with(KernelCache& kernels, const QueryInput& mesh, const Options& options, BindingSummary& summary) {

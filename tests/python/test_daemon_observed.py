@@ -97,6 +97,18 @@ def test_metrics_add_up(real_daemon, tmp_path):
     assert 'version="' in build and 'numerics_version="' in build
 
 
+def test_what_computations_build_is_counted(real_daemon, tmp_path):
+    """Of a cage that was uploaded, and then used for one kind of coordinates after the other."""
+    held = []
+    with Daemon(real_daemon, tmp_path) as daemon, Client(daemon.address) as client:
+        client.upload(box_cage())
+        held.append(daemon.settled_metrics()["barycastd_cage_cache_bytes"])
+        for kind in ("mean-value", "harmonic", "harmonic"):
+            client.bind(box_cage(), [[0.5, 0.5, 0.5]], coordinates=kind, samples=5)
+            held.append(daemon.settled_metrics()["barycastd_cage_cache_bytes"])
+    assert 0 < held[0] < held[1] < held[2] - 100_000 and held[3] == held[2]
+
+
 def test_factors_of_denoising_are_counted(real_daemon, tmp_path):
     model_file = tmp_path / "model.obj"
     model_file.write_text(grid_text(10))
