@@ -1,22 +1,8 @@
 #include "cage_cache.h"
 
-#include <new>
+#include "base/guarded_build.h"
 
 namespace barycast::server {
-namespace {
-
-// Whoever waits must hear of the end of a build, so that no exception may pass it.
-Result<CageCache::Index> run(const CageCache::Build& build) {
-  try {
-    return build();
-  } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::kResourceExhausted, "cage", "out of memory while it was built; use a coarser cage"};
-  } catch (const std::exception& e) {
-    return Error{ErrorCode::kInternal, "cage", e.what()};
-  }
-}
-
-}  // namespace
 
 CageCache::Found CageCache::get(const CageDigest& digest, const Build& build, Waiter waiter) {
   Index held;
@@ -36,7 +22,7 @@ CageCache::Found CageCache::get(const CageDigest& digest, const Build& build, Wa
     waiter(std::move(held), Found::kHit);
     return Found::kHit;
   }
-  const Result<Index> built = run(build);
+  const Result<Index> built = guarded_build(build);
   std::vector<Waiter> waiters;
   std::vector<Index> evicted;  // destroyed outside the mutex
   {

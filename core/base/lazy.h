@@ -3,15 +3,14 @@
 // Something large that is built when it is first asked for, once, whoever asks. Who asks while it is built leaves a
 // callback and blocks no thread.
 
-#include <exception>
 #include <functional>
 #include <future>
 #include <memory>
 #include <mutex>
-#include <new>
 #include <utility>
 #include <vector>
 
+#include "base/guarded_build.h"
 #include "base/result.h"
 
 namespace barycast {
@@ -34,7 +33,7 @@ class Lazy {
     waiters_.push_back(std::move(then));
     if (std::exchange(building_, true)) return;
     lock.unlock();
-    Result<std::unique_ptr<const T>> built = run(build);
+    Result<std::unique_ptr<const T>> built = guarded_build(build);
     const Status status = built.ok() ? Status(Done{}) : Status(built.error());
     std::vector<Then> waiters;
     lock.lock();
@@ -57,18 +56,6 @@ class Lazy {
   }
 
  private:
-  // Whoever waits must hear of the end of a build, so that no exception may pass it.
-  template <class Build>
-  static Result<std::unique_ptr<const T>> run(const Build& build) {
-    try {
-      return build();
-    } catch (const std::bad_alloc&) {
-      return Error{ErrorCode::kResourceExhausted, "cage", "out of memory while it was built; use a coarser cage"};
-    } catch (const std::exception& e) {
-      return Error{ErrorCode::kInternal, "cage", e.what()};
-    }
-  }
-
   mutable std::mutex mutex_;
   mutable std::unique_ptr<const T> built_;
   mutable bool building_ = false;
