@@ -8,6 +8,7 @@
 #include "query/element_distance.h"
 #include "query/grid_builder.h"
 #include "query/grid_lanes.h"
+#include "query/walk_ends.h"
 
 namespace barycast {
 namespace {
@@ -19,6 +20,7 @@ class DistanceGrid final : public DistanceIndex<D> {
       : cage_(cage), everywhere_(std::move(everywhere)) {
     FacetLevels levels = make_facet_levels(cage);
     grid_ = build_grid(levels, D);
+    if constexpr (D == 3) end_tables_ = make_end_tables(cage, levels);
     facets_ = std::move(levels.facets);
     triangles_ = std::move(levels.triangles);
   }
@@ -38,11 +40,21 @@ class DistanceGrid final : public DistanceIndex<D> {
     return on_cage(facets_[search.facet], search.best);
   }
 
-  CagePoint<D> near(const Vec<D>& x, double tolerance) const override {
-    const uint32_t cell = grid_cell(grid_, in_floats(x));
-    // The facet of the nearest triangle may be farther than the closest one, by the deviations of both.
-    if ((cell & kGridFarBit) != 0 || 2.0 * double{grid_.slack(cell)} > tolerance) return closest(x);
-    return on_facet(x, nearest_triangle(x, cell));
+  void near(const WalkPositions& at, std::span<const uint32_t> walks, double tolerance,
+            std::span<CagePoint<D>> ends) const override {
+    if constexpr (D == 3) {
+      std::array<WalkEnd, kEndsAtOnce> found;
+      for (size_t begin = 0; begin < walks.size(); begin += kEndsAtOnce) {
+        const auto some = walks.subspan(begin, std::min(kEndsAtOnce, walks.size() - begin));
+        find_ends(grid_, end_tables_, at, some.data(), some.size(), found.data());
+        for (size_t k = 0; k < some.size(); ++k) {
+          const Vec<3> x = position_of<3>(at, some[k]);
+          if (!end_at(x, found[k], tolerance, ends[begin + k])) ends[begin + k] = near(x, tolerance);
+        }
+      }
+    } else {
+      for (size_t k = 0; k < walks.size(); ++k) ends[k] = near(position_of<D>(at, walks[k]), tolerance);
+    }
   }
 
   double free_radius(const Vec<D>& x) const override {
@@ -68,11 +80,13 @@ class DistanceGrid final : public DistanceIndex<D> {
   }
 
   size_t bytes() const override {
-    return sizeof(*this) + grid_.bytes() + facets_.capacity() * sizeof(Facet) +
+    return sizeof(*this) + grid_.bytes() + end_tables_.bytes() + facets_.capacity() * sizeof(Facet) +
            triangles_.capacity() * sizeof(FacetTriangle) + everywhere_->bytes();
   }
 
  private:
+  static constexpr size_t kEndsAtOnce = 8 * kBlockLanes;
+  static constexpr double kShareRounding = 1e-7;  // of floats
   static constexpr uint32_t kNoFacet = 0xFFFFFFFFu;
   struct Search {
     Vec<D> x;
@@ -116,6 +130,39 @@ class DistanceGrid final : public DistanceIndex<D> {
       search.best = candidate;
       search.facet = facet;
     }
+  }
+
+  // In double.
+  CagePoint<D> near(const Vec<D>& x, double tolerance) const {
+    const uint32_t cell = grid_cell(grid_, in_floats(x));
+    // The facet of the nearest triangle may be farther than the closest one, by the deviations of both.
+    if ((cell & kGridFarBit) != 0 || 2.0 * double{grid_.slack(cell)} > tolerance) return closest(x);
+    return on_facet(x, nearest_triangle(x, cell));
+  }
+
+  // The point that floats found, if it is as near as they promised: they fail on slivers, where corners are nearest,
+  // and on strongly twisted patches.
+  bool end_at(const Vec<D>& x, const WalkEnd& found, double tolerance, CagePoint<D>& end) const requires(D == 3) {
+    if (found.triangle == kNoTriangle || end_tables_.triangles[found.triangle].patch == EndTables::kNoEnd) return false;
+    const FacetTriangle& triangle = triangles_[found.triangle];
+    end.element = facets_[triangle.facet].element;
+    const double first = double{found.first}, second = double{found.second};
+    if (end_tables_.triangles[found.triangle].patch == EndTables::kNoPatch) {
+      // On the edge opposite the first corner no basis but of the two others.
+      const double rest = 1 - first - second;
+      end.shares =
+          rest < kShareRounding ? std::array{0.0, 1 - second, second, 0.0} : std::array{rest, first, second, 0.0};
+      const auto& c = triangle.corners;
+      end.point = end.shares[0] * c[0] + end.shares[1] * c[1] + end.shares[2] * c[2];
+    } else {
+      const BilinearPatch patch = patch_of(cage_, cage_.elements()[end.element]);
+      end.shares = patch.shares(first, second);
+      end.point = patch.at(first, second);
+    }
+    end.distance = (end.point - x).norm();
+    // What is closest is no nearer than the bound of the triangles, by the slack and its rounding.
+    const double least = double{found.bound} * (1 - double{kBlockRelativeRounding}) - double{found.slack};
+    return end.distance <= least + tolerance;
   }
 
   OnTriangle nearest_triangle(const Vec<D>& x, uint32_t cell) const {
@@ -187,6 +234,7 @@ class DistanceGrid final : public DistanceIndex<D> {
   std::vector<Facet> facets_;
   std::vector<FacetTriangle> triangles_;
   GridTables grid_;
+  EndTables end_tables_;  // empty in the plane
 };
 
 }  // namespace

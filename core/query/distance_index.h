@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <limits>
 #include <memory>
+#include <span>
 
 #include "cage/cage.h"
 
@@ -54,8 +55,10 @@ class DistanceIndex {
   virtual CagePoint<D> closest(const Vec<D>& x, double within) const = 0;
   CagePoint<D> closest(const Vec<D>& x) const { return closest(x, std::numeric_limits<double>::infinity()); }
 
-  // A point of the cage, for walks to end at: its distance is more than that of the closest by `tolerance` at most.
-  virtual CagePoint<D> near(const Vec<D>& x, double tolerance) const = 0;
+  // Points of the cage, for walks to end at: ends[k] for the position walks[k]. Their distances are more than those of
+  // the closest points by `tolerance` at most.
+  virtual void near(const WalkPositions& at, std::span<const uint32_t> walks, double tolerance,
+                    std::span<CagePoint<D>> ends) const = 0;
 
   // Radii of balls around positions that contain no point of the cage: never more than the distance; as good as half of
   // it where that is more than some thousandths of the diagonal, but for a few in a hundred positions, beside sharp

@@ -96,7 +96,10 @@ class EmbreeDistance final : public DistanceIndex<D> {
             search.best.point};
   }
 
-  CagePoint<D> near(const Vec<D>& x, double /*tolerance*/) const override { return closest(x); }
+  void near(const WalkPositions& at, std::span<const uint32_t> walks, double /*tolerance*/,
+            std::span<CagePoint<D>> ends) const override {
+    for (size_t k = 0; k < walks.size(); ++k) ends[k] = closest(position_of<D>(at, walks[k]));
+  }
 
   double free_radius(const Vec<D>& x) const override { return closest(x).distance; }
 

@@ -172,18 +172,23 @@ bool HarmonicWalks<D>::move(Pool& pool, const std::atomic<bool>& cancel) const {
   return true;
 }
 
-// Whether the walk is under way still. A free radius never exceeds the distance: only below the thickness may it have
-// arrived.
+// Whether all of these walks are under way still. A free radius never exceeds the distance: only below the thickness
+// may it have arrived.
 template <int D>
-bool HarmonicWalks<D>::settle_one(Pool& pool, size_t i) const {
+bool HarmonicWalks<D>::settle_some(Pool& pool, std::span<const uint32_t> walks) const {
   const double tolerance = kArrivalTolerance * settings_.thickness;
-  const CagePoint<D> end = distance_.near(pool.position(i), tolerance);
-  if (end.distance < settings_.thickness) {
-    pool.end(i, end, SampleEnd::kArrived);
-    return false;
+  std::array<CagePoint<D>, kCheckEvery> ends;
+  distance_.near(pool.positions(), walks, tolerance, std::span(ends).first(walks.size()));
+  bool all_kept = true;
+  for (size_t k = 0; k < walks.size(); ++k) {
+    if (ends[k].distance < settings_.thickness) {
+      pool.end(walks[k], ends[k], SampleEnd::kArrived);
+      all_kept = false;
+    } else {
+      pool.radius[walks[k]] = rounded_down(ends[k].distance - tolerance);
+    }
   }
-  pool.radius[i] = rounded_down(end.distance - tolerance);
-  return true;
+  return all_kept;
 }
 
 // Ends the walks that arrived or reached the step limit.
@@ -193,9 +198,9 @@ bool HarmonicWalks<D>::settle(Pool& pool, const std::atomic<bool>& cancel) const
   const size_t near =
       find_arriving(pool.radius.data(), pool.count, static_cast<float>(settings_.thickness), pool.marked.data());
   bool all_kept = true;
-  for (size_t k = 0; k < near; ++k) {
-    if (k % kCheckEvery == 0 && cancel.load(std::memory_order_relaxed)) return false;
-    all_kept &= settle_one(pool, pool.marked[k]);
+  for (size_t k = 0; k < near; k += kCheckEvery) {
+    if (cancel.load(std::memory_order_relaxed)) return false;
+    all_kept &= settle_some(pool, std::span(pool.marked).subspan(k, std::min(kCheckEvery, near - k)));
   }
   for (const typename Pool::Group& group : pool.groups) {
     const bool at_limit = group.step >= settings_.walk_steps_max;

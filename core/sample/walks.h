@@ -44,7 +44,7 @@ class HarmonicWalks {
   void draw_numbers(Pool& pool) const;
   bool move(Pool& pool, const std::atomic<bool>& cancel) const;
   bool settle(Pool& pool, const std::atomic<bool>& cancel) const;
-  bool settle_one(Pool& pool, size_t i) const;
+  bool settle_some(Pool& pool, std::span<const uint32_t> walks) const;
 
   const DistanceIndex<D>& distance_;
   WalkSettings settings_;

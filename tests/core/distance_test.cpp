@@ -186,14 +186,27 @@ void check_grid(const Shape& shape, size_t count, double reach) {
     const double clear = (*grid)->free_radius(point);
     ASSERT_LE(clear, closest.distance);
     ASSERT_GE(clear, 0.93 * closest.distance - 6e-4) << "point " << i;
-    for (const double tolerance : {1e-2, 1e-3, 1e-5}) {
-      const CagePoint<3> near = (*grid)->near(point, tolerance);
-      ASSERT_NEAR(near.distance, (near.point - point).norm(), 1e-14);
-      ASSERT_GE(near.distance, closest.distance - 1e-12);
-      ASSERT_LE(near.distance, closest.distance + tolerance) << "point " << i;
-    }
     bound_sum += double{radii[i]};
     distance_sum += closest.distance;
+  }
+  std::vector<uint32_t> walks;  // some of them, in another order
+  for (size_t i = 0; i < count; i += 3) walks.push_back(static_cast<uint32_t>(count - 1 - i));
+  std::vector<CagePoint<3>> ends(walks.size());
+  for (const double tolerance : {1e-2, 5e-4, 1e-5}) {
+    (*grid)->near({x[0].data(), x[1].data(), x[2].data(), count}, walks, tolerance, ends);
+    for (size_t k = 0; k < walks.size(); ++k) {
+      const Vec<3> point(x[0][walks[k]], x[1][walks[k]], x[2][walks[k]]);
+      const double distance = (*embree)->closest(point).distance;
+      ASSERT_NEAR(ends[k].distance, (ends[k].point - point).norm(), 1e-14);
+      ASSERT_GE(ends[k].distance, distance - 1e-12);
+      ASSERT_LE(ends[k].distance, distance + tolerance) << "point " << walks[k];
+      const Element& element = cage->elements()[ends[k].element];
+      Vec<3> by_shares = Vec<3>::Zero();
+      for (int c = 0; c < element.corner_count(); ++c)
+        by_shares += ends[k].shares[static_cast<size_t>(c)] * cage->corner(element, c);
+      ASSERT_LE((by_shares - ends[k].point).norm(), 1e-15 * (1 + reach));
+      ASSERT_GE(*std::min_element(ends[k].shares.begin(), ends[k].shares.end()), 0.0);
+    }
   }
   EXPECT_GE(bound_sum, 0.85 * distance_sum);
   EXPECT_LE(small, 3 * count / 100) << "radii below half the distance";

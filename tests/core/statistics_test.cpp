@@ -19,15 +19,17 @@ class WrongIndex final : public DistanceIndex<3> {
   WrongIndex(const Cage<3>& cage, const DistanceIndex<3>& right, double part)
       : cage_(cage), right_(right), part_(part) {}
   CagePoint<3> closest(const Vec<3>& x, double within) const override { return right_.closest(x, within); }
-  CagePoint<3> near(const Vec<3>& x, double tolerance) const override {
-    CagePoint<3> result = right_.near(x, tolerance);
-    // Which walks: by the digits of their last position, which are as good as random.
-    const double digits = std::abs(x.sum()) * 1e7;
-    if (digits - std::floor(digits) >= part_) return result;
-    result.element = 0;
-    result.shares = {1, 0, 0, 0};
-    result.point = cage_.corner(cage_.elements()[0], 0);
-    return result;
+  void near(const WalkPositions& at, std::span<const uint32_t> walks, double tolerance,
+            std::span<CagePoint<3>> ends) const override {
+    right_.near(at, walks, tolerance, ends);
+    for (size_t k = 0; k < walks.size(); ++k) {
+      // Which walks: by the digits of their last position, which are as good as random.
+      const double digits = std::abs(position_of<3>(at, walks[k]).sum()) * 1e7;
+      if (digits - std::floor(digits) >= part_) continue;
+      ends[k].element = 0;
+      ends[k].shares = {1, 0, 0, 0};
+      ends[k].point = cage_.corner(cage_.elements()[0], 0);
+    }
   }
   void free_radii(const WalkPositions& at, uint32_t* hints, float* radii) const override {
     right_.free_radii(at, hints, radii);
