@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <limits>
-#include <numbers>
 
 namespace barycast {
 
@@ -43,6 +42,19 @@ BoundaryData::Row DoubleLayer::at(size_t panel_point) const {
   return row;
 }
 
+std::vector<BoundaryData::Entry> DoubleLayer::corner_basis(uint32_t element, size_t corner) const {
+  const Element& at = cage_.elements()[element];
+  std::vector<BoundaryData::Entry> entries;
+  if (corner >= static_cast<size_t>(at.corner_count())) return entries;
+  std::array<double, 4> shares{};
+  shares[corner] = 1.0;
+  std::vector<VertexWeight> basis;
+  cage_.append_basis(at, shares, 1.0, basis);
+  for (const VertexWeight& phi : basis)
+    if (phi.weight != 0.0) entries.push_back({data_.column(phi.vertex), phi.weight});
+  return entries;
+}
+
 // The one that holds the parameters, or misses them by least.
 std::optional<size_t> DoubleLayer::panel_at(const Panels& panels, const CagePoint<3>& at) const {
   const auto& s = at.shares;
@@ -65,7 +77,7 @@ std::optional<size_t> DoubleLayer::panel_at(const Panels& panels, const CagePoin
 
 // Panels of an element are consecutive: theirs are summed as shares of its corners first.
 void DoubleLayer::add(const PanelKernels::Table& dipoles, Rows& out, Eigen::Array4d& enclosed) const {
-  const double factor = -cage_.orientation() / (4 * std::numbers::pi);
+  const double scale = factor();
   for (size_t first = 0; first < element_of_panel_.size();) {
     const uint32_t element = element_of_panel_[first];
     std::array<Eigen::Array4d, 4> sums;
@@ -78,8 +90,8 @@ void DoubleLayer::add(const PanelKernels::Table& dipoles, Rows& out, Eigen::Arra
       }
     for (size_t r = 0; r < 4; ++r) {
       const auto at = static_cast<Eigen::Index>(r);
-      enclosed[at] += factor * sums[r].sum();
-      add_basis(element, factor * sums[r], out.row(at).head(data_.basis_count()));
+      enclosed[at] += scale * sums[r].sum();
+      add_basis(element, scale * sums[r], out.row(at).head(data_.basis_count()));
     }
   }
 }

@@ -4,7 +4,9 @@
 // u = S[du/dn] - D[u], its values on the cage as dipoles. Here D of the basis functions phi_v, as linear functions
 // on the panels that agree at their corners.
 
+#include <numbers>
 #include <optional>
+#include <vector>
 
 #include "solve/boundary_data.h"
 #include "solve/panel_kernels.h"
@@ -22,6 +24,12 @@ class DoubleLayer {
 
   // phi_v at a point of a panel, as the dipoles have it: a row of the columns of the basis.
   BoundaryData::Row at(size_t panel_point) const;
+
+  // What `add` does, for those who sum in another order: with each dipole times `factor`, shares of the corners of the
+  // panel's element, at a point of a panel; and phi_v at such a corner, a column may occur more than once.
+  double factor() const { return -cage_.orientation() / (4 * std::numbers::pi); }
+  Eigen::Array4d shares(size_t panel_point) const { return shares_.row(static_cast<Eigen::Index>(panel_point)); }
+  std::vector<BoundaryData::Entry> corner_basis(uint32_t element, size_t corner) const;
 
   // The panel that a point of the cage lies on, or over; none where its element has none.
   std::optional<size_t> panel_at(const Panels& panels, const CagePoint<3>& at) const;

@@ -1,0 +1,67 @@
+#pragma once
+
+// The sums that boundary elements are evaluated by, fast: of all columns at many points, in floats. The same as
+// PanelKernels::fill and a product with the densities, and DoubleLayer::add where there are dipoles; without what
+// BoundaryField does near the cage and outside of it.
+//
+// Far panels are three points, nearer ones seven, and near ones exact, in floats or, next to the panel, in doubles.
+// Values are within 1e-5 of those in doubles, gradients within 1e-3 of their RMS over the cage, but for points as near
+// to an edge of a panel as its gradients are infinite. Points within 1e-13 of a panel's plane are on it: there the
+// dipoles' potential is the mean of both sides.
+//
+// Const and safe to call from any number of threads. A point's row has the same bits whatever points are asked for
+// with it, with gradients and without, and on every processor.
+
+#include <array>
+#include <span>
+#include <vector>
+
+#include <hwy/aligned_allocator.h>
+
+#include "solve/boundary_data.h"
+#include "solve/density_groups.h"
+#include "solve/double_layer.h"
+#include "solve/panel_sums_lanes.h"
+#include "solve/panels.h"
+
+namespace barycast {
+
+class PanelSums {
+ public:
+  // Copies what it needs. With dipoles, -D[phi_v] is added to the columns of the basis. `densities`: of all columns of
+  // `data` or those of the basis alone.
+  PanelSums(const Panels& panels, const BoundaryData& data, const DensityGroups& densities, const DoubleLayer* dipoles);
+
+  Eigen::Index column_count() const { return column_count_; }
+
+  struct Rows {
+    using Table = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+    Table values;                    // points x columns
+    std::array<Table, 3> gradients;  // of every partial derivative, per diagonal; empty unless asked for
+    std::vector<float> enclosed;     // -D[1]: 1 inside the panels, 0 outside, 1/2 on them; empty without dipoles
+  };
+
+  // Replaces what `out` held by the first `columns` columns of every point (normalized frame). Points next to each
+  // other in space should be next to each other in the list: they share vectors.
+  void evaluate(std::span<const Vec<3>> points, Eigen::Index columns, bool gradients, Rows& out) const;
+
+  size_t bytes() const;
+
+ private:
+  struct Workspace;
+  void add_dipoles(const DoubleLayer& dipoles, const Panels& panels);
+  SumTables tables() const;
+  void evaluate_batch(std::span<const Vec<3>> points, size_t first, bool gradients, Workspace& work, Rows& out) const;
+
+  Eigen::Index column_count_, basis_count_;
+  size_t stride_;  // of the densities' rows
+  std::vector<SumPoints> points_;
+  std::vector<SumTriangle<float>> triangles_;
+  std::vector<SumTriangle<double>> exact_triangles_;
+  hwy::AlignedFreeUniquePtr<float[]> densities_;
+  std::vector<std::array<std::array<float, 4>, 3>> shares_;
+  std::vector<SumElement> elements_;
+  std::vector<SumEntry> entries_;
+};
+
+}  // namespace barycast

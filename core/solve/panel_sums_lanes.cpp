@@ -1,0 +1,425 @@
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "solve/panel_sums_lanes.cpp"  // this file, once for every processor
+#include "solve/panel_sums_lanes.h"
+
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#include <hwy/contrib/math/math-inl.h>
+
+#include <algorithm>
+#include <numbers>
+
+HWY_BEFORE_NAMESPACE();
+namespace barycast::HWY_NAMESPACE {
+
+namespace hn = hwy::HWY_NAMESPACE;
+using Tag = hn::CappedTag<float, kSumLanes>;
+using Floats = hn::Vec<Tag>;
+constexpr Tag kTag;
+constexpr size_t kWidth = hn::MaxLanes(kTag);
+// Half a vector of floats is one of doubles.
+using HalfTag = hn::Half<Tag>;
+using DoubleTag = hn::Rebind<double, HalfTag>;
+constexpr HalfTag kHalfTag;
+constexpr DoubleTag kDoubleTag;
+
+template <class V>
+struct Lanes3 {
+  V x, y, z;
+};
+template <class D, class T>
+HWY_INLINE Lanes3<hn::Vec<D>> all(D d, const std::array<T, 3>& v) {
+  return {hn::Set(d, v[0]), hn::Set(d, v[1]), hn::Set(d, v[2])};
+}
+template <class V>
+HWY_INLINE Lanes3<V> operator-(const Lanes3<V>& a, const Lanes3<V>& b) {
+  return {hn::Sub(a.x, b.x), hn::Sub(a.y, b.y), hn::Sub(a.z, b.z)};
+}
+template <class V>
+HWY_INLINE Lanes3<V> operator*(const Lanes3<V>& a, V s) {
+  return {hn::Mul(a.x, s), hn::Mul(a.y, s), hn::Mul(a.z, s)};
+}
+template <class V>
+HWY_INLINE V dot(const Lanes3<V>& a, const Lanes3<V>& b) {
+  return hn::MulAdd(a.x, b.x, hn::MulAdd(a.y, b.y, hn::Mul(a.z, b.z)));
+}
+// b + a s, b - a s
+template <class V>
+HWY_INLINE Lanes3<V> mul_add(const Lanes3<V>& a, V s, const Lanes3<V>& b) {
+  return {hn::MulAdd(a.x, s, b.x), hn::MulAdd(a.y, s, b.y), hn::MulAdd(a.z, s, b.z)};
+}
+template <class V>
+HWY_INLINE Lanes3<V> mul_sub(const Lanes3<V>& a, V s, const Lanes3<V>& b) {
+  return {hn::NegMulAdd(a.x, s, b.x), hn::NegMulAdd(a.y, s, b.y), hn::NegMulAdd(a.z, s, b.z)};
+}
+
+// What a point makes of a panel, see panel_potential.h: by row (potential, then its gradient) and density function.
+template <bool kGradients, class V>
+struct Kernels {
+  static constexpr size_t kRows = kGradients ? 4 : 1;
+  V charge[kRows][3], dipole[kRows][3];
+
+  HWY_INLINE void set_gradient(V (&table)[kRows][3], size_t k, const Lanes3<V>& gradient) {
+    table[1][k] = gradient.x;
+    table[2][k] = gradient.y;
+    table[3][k] = gradient.z;
+  }
+};
+
+template <bool kGradients>
+using FloatKernels = Kernels<kGradients, Floats>;
+
+// Where the mask is set, those of `near`.
+template <bool kGradients>
+HWY_INLINE void replace(hn::Mask<Tag> mask, const FloatKernels<kGradients>& near, FloatKernels<kGradients>& out) {
+  for (size_t r = 0; r < out.kRows; ++r)
+    for (size_t k = 0; k < 3; ++k) {
+      out.charge[r][k] = hn::IfThenElse(mask, near.charge[r][k], out.charge[r][k]);
+      out.dipole[r][k] = hn::IfThenElse(mask, near.dipole[r][k], out.dipole[r][k]);
+    }
+}
+
+// `x`: from the panel's centre.
+template <bool kGradients>
+HWY_INLINE void three_points(const SumPoints& panel, const Lanes3<Floats>& x, FloatKernels<kGradients>& out) {
+  const Lanes3<Floats> normal = all(kTag, panel.normal);
+  const Floats height = dot(normal, x);
+  for (size_t k = 0; k < 3; ++k) {
+    const Lanes3<Floats> to = all(kTag, panel.point[k]) - x;
+    const Floats squared = dot(to, to), inverse_squared = hn::Div(hn::Set(kTag, 1.0f), squared);
+    out.charge[0][k] = hn::Mul(hn::Set(kTag, panel.charge), hn::Sqrt(inverse_squared));
+    const Floats rate = hn::Mul(out.charge[0][k], inverse_squared);
+    out.dipole[0][k] = hn::Mul(height, rate);
+    if constexpr (kGradients) {
+      const Floats along = hn::Mul(hn::Mul(hn::Set(kTag, 3.0f), height), inverse_squared);
+      out.set_gradient(out.charge, k, to * rate);
+      out.set_gradient(out.dipole, k, mul_add(to, along, normal) * rate);
+    }
+  }
+}
+
+template <bool kGradients>
+HWY_NOINLINE void seven_points(const SumPoints& panel, const Lanes3<Floats>& x, FloatKernels<kGradients>& out) {
+  const Lanes3<Floats> normal = all(kTag, panel.normal);
+  const Floats height = dot(normal, x), zero = hn::Zero(kTag);
+  Floats value[3] = {zero, zero, zero}, rate[3] = {zero, zero, zero};
+  Lanes3<Floats> to_rates[3], direction_rates[3];
+  std::fill_n(to_rates, 3, Lanes3<Floats>{zero, zero, zero});
+  std::fill_n(direction_rates, 3, Lanes3<Floats>{zero, zero, zero});
+  for (size_t j = 0; j < 7; ++j) {
+    const Lanes3<Floats> to = all(kTag, panel.rule[j]) - x;
+    const Floats inverse_squared = hn::Div(hn::Set(kTag, 1.0f), dot(to, to)), inverse = hn::Sqrt(inverse_squared);
+    const Floats cube = hn::Mul(inverse, inverse_squared);
+    const Lanes3<Floats> to_cube = to * cube;
+    const Lanes3<Floats> direction =
+        mul_add(to_cube, hn::Mul(hn::Mul(hn::Set(kTag, 3.0f), height), inverse_squared), normal * cube);
+    for (size_t k = 0; k < 3; ++k) {
+      const Floats charge = hn::Set(kTag, panel.rule_charge[j][k]);
+      value[k] = hn::MulAdd(charge, inverse, value[k]);
+      rate[k] = hn::MulAdd(charge, cube, rate[k]);
+      if constexpr (kGradients) {
+        to_rates[k] = mul_add(to_cube, charge, to_rates[k]);
+        direction_rates[k] = mul_add(direction, charge, direction_rates[k]);
+      }
+    }
+  }
+  for (size_t k = 0; k < 3; ++k) {
+    out.charge[0][k] = value[k];
+    out.dipole[0][k] = hn::Mul(height, rate[k]);
+    if constexpr (kGradients) {
+      out.set_gradient(out.charge, k, to_rates[k]);
+      out.set_gradient(out.dipole, k, direction_rates[k]);
+    }
+  }
+}
+
+// atan2(y, x) of y >= 0.
+template <class D, class V, class T = hn::TFromD<D>>
+HWY_INLINE V angle_of(D d, V y, V x) {
+  const V size = hn::Abs(x), least = hn::Min(y, size), most = hn::Max(y, size);
+  // hn::Atan would divide once more to reduce its argument.
+  const V ratio = hn::Div(least, hn::Max(most, hn::Set(d, T(1e-35))));
+  const V part = hn::impl::AtanImpl<T>().AtanPoly(d, ratio);
+  const V acute = hn::IfThenElse(hn::Gt(y, size), hn::Sub(hn::Set(d, T(std::numbers::pi / 2)), part), part);
+  return hn::IfThenElse(hn::Lt(x, hn::Zero(d)), hn::Sub(hn::Set(d, T(std::numbers::pi)), acute), acute);
+}
+
+// Keep quotients on an edge finite, in floats as well: squared lengths in diagonals, below those of points a
+// billionth off it, where potentials are still asked for.
+constexpr double kNearestCorner = 1e-20, kNearestEdge = 1e-20;
+// In diagonals. Closer than this to a panel's plane is on it: that is what rounding leaves of points there.
+constexpr double kOnPlane = 1e-13;
+
+// The potential of panel_potential.h, with the same names, in forms that do with few logarithms and one angle: with a
+// and b the vectors to an edge's ends and q = |a| |b| + a . b,
+//   int dl / R = ln(1 + length (|a| + |b| + length) / q),  int dl / R^3 = length (|a| + |b|) / (|a| |b| q),
+// and for the solid angle [Van Oosterom and Strackee 1983]. `x`: from the panel's centre.
+template <bool kGradients, class D, class V, class T = hn::TFromD<D>>
+HWY_INLINE void exact(D d, const SumTriangle<T>& panel, const Lanes3<V>& x, Kernels<kGradients, V>& out) {
+  constexpr bool kOnIt = sizeof(T) == sizeof(double);  // floats never come near its edges
+  const auto set = [&](double value) HWY_ATTR { return hn::Set(d, static_cast<T>(value)); };
+  const Lanes3<V> normal = all(d, panel.normal);
+  V height = dot(normal, x);
+  if constexpr (kOnIt) height = hn::IfThenZeroElse(hn::Lt(hn::Abs(height), set(kOnPlane)), height);
+  const V size = hn::Abs(height);
+
+  V reach[3];  // |a|
+  for (size_t e = 0; e < 3; ++e) {
+    const Lanes3<V> to = all(d, panel.corner[e]) - x;
+    reach[e] = hn::Sqrt(hn::Max(dot(to, to), set(kNearestCorner)));
+  }
+  V line[3], product[3], inverse[3], first[3], radial[3], cube[3], inverse_product[3];
+  V potential = hn::Zero(d), below = hn::Mul(hn::Mul(reach[0], reach[1]), reach[2]);
+  for (size_t e = 0; e < 3; ++e) {
+    const V near = reach[e], far = reach[(e + 1) % 3], length = hn::Set(d, panel.length[e]);
+    const V start = hn::Sub(hn::Set(d, panel.start[e]), dot(all(d, panel.along[e]), x));
+    const V end = hn::Add(start, length);
+    line[e] = hn::Sub(hn::Set(d, panel.distance[e]), dot(all(d, panel.outward[e]), x));
+    const V line_squared = hn::MulAdd(line[e], line[e], hn::Mul(height, height));
+    product[e] = hn::MulAdd(start, end, line_squared);  // a . b
+    const V both = hn::Mul(near, far), sum = hn::Add(near, far), reached = hn::Add(sum, length);
+    V q = hn::Add(both, product[e]);
+    if constexpr (kOnIt) {
+      // Beside the edge the two would cancel; |a x b|^2 is the difference of their squares.
+      const V beside = hn::Div(hn::Mul(hn::Mul(length, length), line_squared), hn::Sub(both, product[e]));
+      q = hn::IfThenElse(hn::Lt(product[e], hn::Zero(d)), beside, q);
+      q = hn::Max(q, set(kNearestEdge));
+    }
+    inverse[e] = hn::Log1p(d, hn::Div(hn::Mul(length, reached), q));
+    const V middle = hn::Add(start, end);
+    first[e] = hn::Div(hn::Mul(length, middle), sum);
+    const V along = hn::MulAdd(first[e], middle, hn::Mul(length, sum));  // twice end |b| - start |a|
+    radial[e] = hn::MulAdd(hn::Mul(set(0.5), line_squared), inverse[e], hn::Mul(set(0.25), along));
+    potential = hn::MulAdd(line[e], inverse[e], potential);
+    below = hn::MulAdd(product[e], reach[(e + 2) % 3], below);
+    if constexpr (kGradients) {
+      inverse_product[e] = hn::Div(set(1.0), both);
+      cube[e] = hn::Mul(hn::Div(hn::Mul(length, sum), q), inverse_product[e]);
+    }
+  }
+  const V above = hn::Mul(hn::Add(hn::Set(d, panel.area), hn::Set(d, panel.area)), size);
+  const V solid_angle = hn::Mul(set(2.0), angle_of(d, above, below));
+  potential = hn::NegMulAdd(size, solid_angle, potential);
+  const V signed_angle = hn::IfThenZeroElse(hn::Eq(height, hn::Zero(d)), hn::CopySign(solid_angle, height));
+
+  V value[3];  // of the functions, beyond the panel too
+  for (size_t k = 0; k < 3; ++k) {
+    value[k] = hn::Add(set(1 / 3.0), dot(all(d, panel.slope[k]), x));
+    V charge = hn::Mul(value[k], potential), steep = hn::Zero(d);
+    for (size_t e = 0; e < 3; ++e) {
+      const V across = hn::Set(d, panel.across[k][e]);
+      charge = hn::MulAdd(across, radial[e], charge);
+      steep = hn::MulAdd(across, inverse[e], steep);
+    }
+    out.charge[0][k] = charge;
+    out.dipole[0][k] = hn::NegMulAdd(height, steep, hn::Mul(value[k], signed_angle));
+  }
+  if constexpr (kGradients) {
+    Lanes3<V> angle_slope{hn::Zero(d), hn::Zero(d), hn::Zero(d)}, turned[3];
+    for (size_t e = 0; e < 3; ++e) {
+      const Lanes3<V> outward = all(d, panel.outward[e]);
+      angle_slope = mul_sub(mul_add(outward, height, normal * line[e]), cube[e], angle_slope);
+      const Lanes3<V> slope = mul_add(mul_sub(normal, height, outward * line[e]), cube[e],
+                                      all(d, panel.along[e]) * hn::Mul(first[e], inverse_product[e]));
+      turned[e] = mul_add(slope, height, normal * inverse[e]);
+    }
+    for (size_t k = 0; k < 3; ++k) {
+      const Lanes3<V> slope = all(d, panel.slope[k]);
+      Lanes3<V> gradient = mul_sub(normal, out.dipole[0][k], slope * potential);
+      Lanes3<V> dipole_gradient = mul_add(angle_slope, value[k], slope * signed_angle);
+      for (size_t e = 0; e < 3; ++e) {
+        const V across = hn::Set(d, panel.across[k][e]);
+        const V share = hn::MulAdd(hn::MulAdd(line[e], across, value[k]), inverse[e],
+                                   hn::Mul(hn::Set(d, panel.alongside[k][e]), first[e]));
+        gradient = mul_sub(all(d, panel.outward[e]), share, gradient);
+        dipole_gradient = mul_sub(turned[e], across, dipole_gradient);
+      }
+      out.set_gradient(out.charge, k, gradient);
+      out.set_gradient(out.dipole, k, dipole_gradient);
+    }
+  }
+}
+
+template <bool kGradients>
+HWY_NOINLINE void exact_in_floats(const SumTriangle<float>& panel, const Lanes3<Floats>& x,
+                                  FloatKernels<kGradients>& out) {
+  exact<kGradients>(kTag, panel, x, out);
+}
+
+// In doubles, half a vector after the other.
+template <bool kGradients>
+HWY_NOINLINE void exact_in_doubles(const SumTriangle<double>& panel, const SumBatch& batch, size_t lane,
+                                   FloatKernels<kGradients>& out) {
+  const auto half = [&](size_t first) HWY_ATTR {
+    const auto at = [&](size_t k) HWY_ATTR { return hn::Load(kDoubleTag, batch.exact_x[k] + lane + first); };
+    const Lanes3<hn::Vec<DoubleTag>> x{at(0), at(1), at(2)};
+    Kernels<kGradients, hn::Vec<DoubleTag>> kernels;
+    exact<kGradients>(kDoubleTag, panel, x - all(kDoubleTag, panel.centre), kernels);
+    return kernels;
+  };
+  const auto low = half(0), high = half(kWidth / 2);
+  const auto join = [](auto a, auto b)
+                        HWY_ATTR { return hn::Combine(kTag, hn::DemoteTo(kHalfTag, b), hn::DemoteTo(kHalfTag, a)); };
+  for (size_t r = 0; r < out.kRows; ++r)
+    for (size_t k = 0; k < 3; ++k) {
+      out.charge[r][k] = join(low.charge[r][k], high.charge[r][k]);
+      out.dipole[r][k] = join(low.dipole[r][k], high.dipole[r][k]);
+    }
+}
+
+// Of one panel at a vector of points.
+template <bool kGradients>
+HWY_INLINE void evaluate_panel(const SumTables& tables, size_t p, const SumBatch& batch, size_t lane,
+                               FloatKernels<kGradients>& out) {
+  const SumPoints& panel = tables.points[p];
+  const Lanes3<Floats> at{hn::Load(kTag, batch.x[0] + lane), hn::Load(kTag, batch.x[1] + lane),
+                          hn::Load(kTag, batch.x[2] + lane)};
+  const Lanes3<Floats> x = at - all(kTag, panel.centre);
+  const Floats squared = dot(x, x);
+  three_points(panel, x, out);
+  const auto within = [&](float limit) HWY_ATTR { return hn::Lt(squared, hn::Set(kTag, limit)); };
+  if (hn::AllFalse(kTag, within(panel.three_point_squared))) return;
+  FloatKernels<kGradients> near;
+  const auto annulus = hn::AndNot(within(panel.seven_point_squared), within(panel.three_point_squared));
+  if (!hn::AllFalse(kTag, annulus)) {
+    seven_points(panel, x, near);
+    replace(annulus, near, out);
+  }
+  if (hn::AllFalse(kTag, within(panel.seven_point_squared))) return;
+  exact_in_floats(tables.triangles[p], x, near);
+  replace(within(panel.seven_point_squared), near, out);
+  if (hn::AllFalse(kTag, within(panel.exact_squared))) return;
+  exact_in_doubles(tables.exact_triangles[p], batch, lane, near);
+  replace(within(panel.exact_squared), near, out);
+}
+
+// Dipoles as shares of the corners of the panel's element.
+template <bool kGradients>
+HWY_INLINE void add_to_corners(const SumTables& tables, size_t p, const FloatKernels<kGradients>& kernels,
+                               const SumBatch& batch, size_t lane) {
+  const auto& shares = tables.shares[p];
+  for (size_t r = 0; r < kernels.kRows; ++r)
+    for (size_t c = 0; c < 4; ++c) {
+      float* const sum = batch.corner_sums + (4 * r + c) * kSumPoints + lane;
+      Floats total = hn::Load(kTag, sum);
+      for (size_t k = 0; k < 3; ++k) total = hn::MulAdd(kernels.dipole[r][k], hn::Set(kTag, shares[k][c]), total);
+      hn::Store(total, kTag, sum);
+    }
+}
+
+// At the end of an element: from its corners to the columns of the basis.
+template <bool kGradients>
+void finish_element(const SumTables& tables, size_t element, const SumBatch& batch) {
+  const size_t first = element == 0 ? 0 : tables.elements[element - 1].end_entry;
+  for (size_t lane = 0; lane < batch.lanes; lane += kWidth) {
+    for (size_t r = 0; r < (kGradients ? 4 : 1); ++r) {
+      const float* const corners = batch.corner_sums + 4 * r * kSumPoints + lane;
+      for (size_t i = first; i < tables.elements[element].end_entry; ++i) {
+        const SumEntry& entry = tables.entries[i];
+        float* const sum = batch.basis_sums + (r * tables.basis_count + entry.column) * kSumPoints + lane;
+        hn::Store(hn::MulAdd(hn::Load(kTag, corners + entry.corner * kSumPoints), hn::Set(kTag, entry.weight),
+                             hn::Load(kTag, sum)),
+                  kTag, sum);
+      }
+    }
+    Floats enclosed = hn::Load(kTag, batch.enclosed + lane);
+    for (size_t c = 0; c < 4; ++c)
+      enclosed = hn::Add(enclosed, hn::Load(kTag, batch.corner_sums + c * kSumPoints + lane));
+    hn::Store(enclosed, kTag, batch.enclosed + lane);
+  }
+  std::fill_n(batch.corner_sums, (kGradients ? 4 : 1) * 4 * kSumPoints, 0.0f);
+}
+
+template <bool kGradients>
+HWY_INLINE void fill_panel(const SumTables& tables, size_t p, size_t row, const SumBatch& batch) {
+  for (size_t lane = 0; lane < batch.lanes; lane += kWidth) {
+    FloatKernels<kGradients> kernels;
+    evaluate_panel(tables, p, batch, lane, kernels);
+    for (size_t r = 0; r < kernels.kRows; ++r)
+      for (size_t k = 0; k < 3; ++k)
+        hn::Store(kernels.charge[r][k], kTag, batch.kernels + ((r * kSumPanels * 3) + row + k) * kSumPoints + lane);
+    if (!tables.shares.empty()) add_to_corners(tables, p, kernels, batch, lane);
+  }
+}
+
+// Points in registers at a time, with up to three vectors of columns: as many accumulators as there are registers for.
+constexpr size_t kBlockPoints = kWidth / 2;
+constexpr size_t kBlockVectors = 3;
+
+template <size_t kVectors>
+HWY_INLINE void multiply_block(const float* HWY_RESTRICT kernels, const float* HWY_RESTRICT densities, size_t stride,
+                               size_t rows, float* HWY_RESTRICT sums, size_t columns) {
+  Floats total[kBlockPoints][kVectors];
+  HWY_UNROLL(8)
+  for (size_t p = 0; p < kBlockPoints; ++p)
+    for (size_t v = 0; v < kVectors; ++v) total[p][v] = hn::Load(kTag, sums + p * columns + v * kWidth);
+  for (size_t i = 0; i < rows; ++i) {
+    Floats density[kVectors];
+    for (size_t v = 0; v < kVectors; ++v) density[v] = hn::Load(kTag, densities + i * stride + v * kWidth);
+    HWY_UNROLL(8)
+    for (size_t p = 0; p < kBlockPoints; ++p) {
+      const Floats kernel = hn::Set(kTag, kernels[i * kSumPoints + p]);
+      for (size_t v = 0; v < kVectors; ++v) total[p][v] = hn::MulAdd(kernel, density[v], total[p][v]);
+    }
+  }
+  HWY_UNROLL(8)
+  for (size_t p = 0; p < kBlockPoints; ++p)
+    for (size_t v = 0; v < kVectors; ++v) hn::Store(total[p][v], kTag, sums + p * columns + v * kWidth);
+}
+
+// Adds the product of some rows of kernels with the densities.
+HWY_NOINLINE void multiply(const SumTables& tables, size_t first_row, size_t rows, const float* kernels, size_t lanes,
+                           size_t columns, float* sums) {
+  const size_t stride = tables.density_stride;
+  const float* const densities = tables.densities + first_row * stride;
+  for (size_t column = 0; column < columns;) {
+    const size_t vectors = std::min(kBlockVectors, (columns - column) / kWidth);
+    for (size_t p = 0; p < lanes; p += kBlockPoints) {
+      float* const to = sums + p * columns + column;
+      if (vectors == 1) multiply_block<1>(kernels + p, densities + column, stride, rows, to, columns);
+      if (vectors == 2) multiply_block<2>(kernels + p, densities + column, stride, rows, to, columns);
+      if (vectors == 3) multiply_block<3>(kernels + p, densities + column, stride, rows, to, columns);
+    }
+    column += vectors * kWidth;
+  }
+}
+
+template <bool kGradients>
+void add_sums(const SumTables& tables, size_t columns, const SumBatch& batch) {
+  const size_t panels = tables.points.size();
+  size_t element = 0;
+  for (size_t first = 0; first < panels; first += kSumPanels) {
+    const size_t end = std::min(panels, first + kSumPanels);
+    for (size_t p = first; p < end; ++p) {
+      fill_panel<kGradients>(tables, p, 3 * (p - first), batch);
+      if (!tables.shares.empty() && p + 1 == tables.elements[element].end_panel)
+        finish_element<kGradients>(tables, element++, batch);
+    }
+    for (size_t r = 0; r < (kGradients ? 4 : 1); ++r)
+      multiply(tables, 3 * first, 3 * (end - first), batch.kernels + r * 3 * kSumPanels * kSumPoints, batch.lanes,
+               columns, batch.sums + r * kSumPoints * columns);
+  }
+}
+
+void sum(const SumTables& tables, bool gradients, size_t columns, const SumBatch& batch) {
+  gradients ? add_sums<true>(tables, columns, batch) : add_sums<false>(tables, columns, batch);
+}
+
+}  // namespace barycast::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace barycast {
+namespace {
+
+HWY_EXPORT(sum);
+
+}  // namespace
+
+void add_panel_sums(const SumTables& tables, bool gradients, size_t columns, const SumBatch& batch) {
+  HWY_DYNAMIC_DISPATCH(sum)(tables, gradients, columns, batch);
+}
+
+}  // namespace barycast
+#endif
