@@ -49,6 +49,11 @@ class Lazy {
     const std::scoped_lock lock(mutex_);
     return *built_;
   }
+  // Null before.
+  const T* get() const {
+    const std::scoped_lock lock(mutex_);
+    return built_.get();
+  }
   // 0 before.
   size_t bytes() const {
     const std::scoped_lock lock(mutex_);

@@ -6,6 +6,8 @@
 
 #include "base/workspace.h"
 #include "bind/block_builder.h"
+#include "bind/mesh_kernel.h"
+#include "bind/predicted_binding.h"
 #include "bind/quantum.h"
 #include "bind/query_set.h"
 #include "bind/sampler.h"
@@ -13,15 +15,11 @@
 #include "estimate/noise.h"
 #include "estimate/point_estimator.h"
 #include "estimate/row.h"
-#include "smooth/kernel_cache.h"
 #include "smooth/smoother.h"
 #include "smooth/strength.h"
 
 namespace barycast {
 namespace {
-
-// Squared diagonals; the heat kernel then reaches over about a tenth of the cage.
-constexpr double kSmoothingTimeLarge = 0.01;
 
 ErrorRate error_rate(const ResolvedOptions& options) {
   return options.coordinates == CoordinateKind::kHarmonic ? ErrorRate::kSquareRoot : ErrorRate::kLinear;
@@ -148,44 +146,11 @@ class BindingOf final : public Binding {
     return times;
   }
 
-  // False: `cancel` was seen set.
-  bool find_kernel(const std::vector<double>& times, const std::atomic<bool>& cancel) {
-    std::optional<Sha256Digest> key;
-    if (settings_.kernels != nullptr) {
-      key = KernelCache::key(queries_.mesh, times);
-      if ((kernel_ = settings_.kernels->find(*key))) return true;
-    }
-    const std::optional<MeshLaplacian> laplacian = polygon_laplacian(queries_.mesh, cancel);
-    if (!laplacian) return false;
-    auto kernel = HeatKernel::create(*laplacian, times);
-    const bool found = kernel.ok();
-    if (!found) {
-      // The faces are at fault, and the rows are right without them, only noisier: the summary says so.
-      summary_.warnings.push_back({"faces", kernel.error().message});
-      kernel = HeatKernel::create(MeshLaplacian{{}, Eigen::VectorXd::Zero(laplacian->area.size()), 0}, times);
-    }
-    const auto without_area = static_cast<size_t>((laplacian->area.array() <= 0.0).count());
-    kernel_ = std::make_shared<const MeshKernel>(
-        MeshKernel{std::move(kernel).value(), laplacian->faces_skipped, without_area});
-    if (found && key) settings_.kernels->keep(*key, kernel_);
-    return true;
-  }
-
   Step factor(const std::atomic<bool>& cancel) {
     const StageTimer timer(summary_.smoothing_factor_s);
     const std::vector<double> times = smoothing_times();
-    if (*std::max_element(times.begin(), times.end()) > kSmoothingTimeLarge)
-      summary_.warnings.push_back({"smoothing_time",
-                                   "denoising averages over a tenth of the cage and more, for the mesh has "
-                                   "very long edges; leave them out, or set a smaller time"});
-    if (!find_kernel(times, cancel)) return Step::kCancelled;
-    if (kernel_->faces_skipped > 0)
-      summary_.warnings.push_back(
-          {"faces", std::to_string(kernel_->faces_skipped) +
-                        " faces without area (or with more than 256 corners) do not take part in denoising"});
-    if (kernel_->nodes_without_area > 0)
-      summary_.warnings.push_back({"points", std::to_string(kernel_->nodes_without_area) +
-                                                 " positions belong to no face with area and were not denoised"});
+    kernel_ = find_mesh_kernel(queries_.mesh, times, settings_.kernels, cancel, summary_.warnings);
+    if (!kernel_) return Step::kCancelled;
     add_counts(fits_->counts(), summary_);
     smoother_.emplace(cage_, finisher_, kernel_->kernel, *fits_);
     progress_ = {Stage::kSmoothing, 0, smoother_->group_count()};
@@ -278,6 +243,8 @@ Result<std::unique_ptr<Binding>> create_of(std::shared_ptr<const CageIndex> inde
     return invalid_argument("resume.first_row",
                             "must be below the number of query points, " + std::to_string(queries->points.size()));
   if constexpr (D == 3) {
+    if (settings.options.estimator == Estimator::kPredicted)
+      return create_predicted_binding(std::move(index), structures, std::move(*queries), settings, cancel);
     if (settings.options.estimator != Estimator::kSampling)
       return create_solved_binding(std::move(index), structures, std::move(*queries), settings, cancel);
   }

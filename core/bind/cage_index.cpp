@@ -3,8 +3,10 @@
 #include "query/distance_index.h"
 #include "query/line_index.h"
 #include "query/winding.h"
+#include "solve/closed.h"
 #include "solve/exact_mean_value.h"
 #include "solve/panels.h"
+#include "solve/prediction.h"
 
 namespace barycast {
 namespace {
@@ -48,14 +50,29 @@ template <int D>
 void CageStructures<D>::prepare(const ResolvedOptions& options, std::function<void(Status)> then) const {
   const auto embree = [this] { return make_embree_distance_index<D>(cage); };
   const auto grid = [this] { return make_distance_grid<D>(cage); };
-  if (options.coordinates == CoordinateKind::kHarmonic)
-    return engine == DistanceEngine::kGrid ? walks.prepare(grid, std::move(then))
-                                           : walks.prepare(embree, std::move(then));
+  if (options.coordinates == CoordinateKind::kHarmonic) {
+    std::function<void(Status)> ready = std::move(then);
+    if constexpr (D == 3) {
+      if (options.estimator == Estimator::kPredicted)
+        ready = [this, then = std::move(ready)](const Status& built) {
+          if (!built) return then(built);
+          prepare_prediction(*this, is_closed(cage) ? BoundarySides::kInside : BoundarySides::kElsewhere, then);
+        };
+    }
+    return engine == DistanceEngine::kGrid ? walks.prepare(grid, std::move(ready))
+                                           : walks.prepare(embree, std::move(ready));
+  }
   if (options.estimator == Estimator::kExact) return then(Done{});
   elements.prepare(embree, [this, then = std::move(then)](const Status& built) {
     if (!built) return then(built);
     lines.prepare([this] { return make_line_index<D>(cage); }, then);
   });
+}
+
+void prepare_prediction(const CageStructures<3>& structures, BoundarySides side, std::function<void(Status)> then) {
+  const auto& prediction = side == BoundarySides::kInside ? structures.inside : structures.elsewhere;
+  prediction.prepare([&] { return HarmonicPrediction::create(structures.cage, *structures.walks, side); },
+                     std::move(then));
 }
 
 template <int D>
@@ -65,7 +82,8 @@ const DistanceIndex<D>& CageStructures<D>::closest_points(const ResolvedOptions&
 
 template <int D>
 size_t CageStructures<D>::bytes() const {
-  return cage.bytes() + winding->bytes() + elements.bytes() + walks.bytes() + lines.bytes();
+  return cage.bytes() + winding->bytes() + elements.bytes() + walks.bytes() + lines.bytes() + inside.bytes() +
+         elsewhere.bytes();
 }
 
 template struct CageStructures<2>;
@@ -78,6 +96,7 @@ Status check_estimator(const Cage<D>& cage, const ResolvedOptions& options) {
     return invalid_argument("estimator", "cages in the plane are sampled; the other estimators are for cages in space");
   } else {
     if (options.estimator == Estimator::kExact) return ExactMeanValue::check(cage);
+    if (options.estimator == Estimator::kPredicted) return HarmonicPrediction::check(cage);
     return Panels::check(cage, options.panels);
   }
 }

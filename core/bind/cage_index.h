@@ -25,6 +25,8 @@ template <int D>
 class LineIndex;
 template <int D>
 class WindingNumber;
+class HarmonicPrediction;
+enum class BoundarySides;
 
 // What answers the walks' distances: the grid, or Embree alone, which is slower (to compare with).
 enum class DistanceEngine { kGrid, kEmbree };
@@ -47,7 +49,12 @@ struct CageStructures {
   Lazy<DistanceIndex<D>> elements;  // of Embree: any point, but slower
   Lazy<DistanceIndex<D>> walks;     // what harmonic coordinates ask for distances
   Lazy<LineIndex<D>> lines;         // mean value coordinates
+  // Of harmonic coordinates, in space: inside a closed cage, and elsewhere.
+  Lazy<HarmonicPrediction> inside, elsewhere;
 };
+
+// Builds one of the predictions; `walks` is there. As CageIndex::prepare.
+void prepare_prediction(const CageStructures<3>& structures, BoundarySides side, std::function<void(Status)> then);
 
 extern template struct CageStructures<2>;
 extern template struct CageStructures<3>;

@@ -167,8 +167,8 @@ class Model {
   }
   double boundary_bytes(size_t (*bytes)(const BoundarySettings&, size_t)) const {
     if (options_.panels == 0) return 0.0;
-    const auto with = static_cast<double>(bytes({options_.panels, true}, size_.control_vertices));
-    const auto without = static_cast<double>(bytes({options_.panels, false}, size_.control_vertices));
+    const auto with = static_cast<double>(bytes({options_.panels, BoundarySides::kBoth}, size_.control_vertices));
+    const auto without = static_cast<double>(bytes({options_.panels, BoundarySides::kInside}, size_.control_vertices));
     return data_.exact ? with : without + (with - without) / 3;
   }
 

@@ -9,6 +9,7 @@ namespace barycast {
 namespace {
 
 constexpr uint32_t kSamplesDefault = 50;      // the paper's default [SBC 6]
+constexpr uint32_t kSamplesPredicted = 12;    // to correct a prediction
 constexpr uint32_t kSamplesMax = 10'000'000;  // a service sets its own, lower limit
 constexpr uint32_t kWalkStepsPaper = 20;      // [SBC 5.1]
 constexpr uint32_t kPanelsDefault = 1000;     // FireHydrant: E 0.0015, half a second on two cores
@@ -52,14 +53,18 @@ Status check_panels(const Options& options) {
 }  // namespace
 
 Result<ResolvedOptions> resolve(const Options& options, bool queries_have_faces) {
-  const bool paper = options.preset == Preset::kPaper, sampling = options.estimator == Estimator::kSampling;
+  const bool paper = options.preset == Preset::kPaper, predicted = options.estimator == Estimator::kPredicted;
+  const bool sampling = predicted || options.estimator == Estimator::kSampling;
   if (const Status known = check_panels(options); !known) return known.error();
+  if (predicted && (paper || options.coordinates != CoordinateKind::kHarmonic))
+    return invalid_argument("estimator", paper ? "the paper's preset predicts nothing; leave one out"
+                                               : "only harmonic coordinates are predicted");
   if (const Status fits = sampling ? Status(Done{}) : check_solved(options); !fits) return fits.error();
   ResolvedOptions resolved{
       .coordinates = options.coordinates,
       .preset = options.preset,
       .estimator = options.estimator,
-      .samples = sampling ? options.samples.value_or(kSamplesDefault) : 0,
+      .samples = sampling ? options.samples.value_or(predicted ? kSamplesPredicted : kSamplesDefault) : 0,
       .panels = options.estimator == Estimator::kBoundaryElement ? options.panels.value_or(kPanelsDefault) : 0,
       .seed = options.seed,
       .denoise = options.denoise,

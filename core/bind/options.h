@@ -18,6 +18,7 @@ enum class Preset { kDefault, kPaper };
 // How coordinates are found. Samples suit every cage; the others need none and refuse cages they cannot do.
 enum class Estimator {
   kSampling,
+  kPredicted,        // harmonic, surface cages in space: walks correct a prediction (estimate/corrected_estimator.h)
   kBoundaryElement,  // harmonic, surface cages in space (solve/boundary_elements.h)
   kExact,            // mean value in closed form, closed triangle cages (solve/exact_mean_value.h)
 };

@@ -5,6 +5,7 @@
 #include <unordered_map>
 
 #include "base/cancel.h"
+#include "base/parallel.h"
 #include "base/random.h"
 #include "base/tolerances.h"
 
@@ -95,6 +96,15 @@ Result<QuerySet<D>> QuerySet<D>::create(const QueryInput& input, const Frame<D>&
   set.mesh.face_offsets = input.face_offsets;
   for (const uint32_t corner : input.face_corners) set.mesh.face_nodes.push_back(set.node_of_point[corner]);
   return set;
+}
+
+bool all_inside(const WindingNumber<3>& winding, std::span<const Vec<3>> points, const std::atomic<bool>& cancel) {
+  std::atomic<bool> all = true;
+  parallel_for(points.size(), 256, [&](size_t begin, size_t end) {
+    for (size_t i = begin; i < end && all && !cancel; ++i)
+      if (!winding.inside(points[i])) all = false;
+  });
+  return all;
 }
 
 template struct QuerySet<2>;

@@ -5,11 +5,13 @@
 
 #include <atomic>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "base/result.h"
 #include "base/warning.h"
 #include "bind/binding.h"
+#include "query/winding.h"
 #include "smooth/laplacian.h"
 
 namespace barycast {
@@ -27,6 +29,9 @@ struct QuerySet {
   QueryMesh mesh;  // over the nodes
   std::vector<Warning> warnings;
 };
+
+// Whether a closed cage encloses all points. Ends early, with false, at a point that is not, or when cancelled.
+bool all_inside(const WindingNumber<3>& winding, std::span<const Vec<3>> points, const std::atomic<bool>& cancel);
 
 extern template struct QuerySet<2>;
 extern template struct QuerySet<3>;

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 
-#include "base/parallel.h"
 #include "bind/block_builder.h"
 #include "bind/quantum.h"
 #include "estimate/row.h"
@@ -114,16 +113,6 @@ class SolvedBinding final : public Binding {
   BindingSummary summary_;
 };
 
-// Ends early at a point that is not, or when cancelled.
-bool all_inside(const WindingNumber<3>& winding, std::span<const Vec<3>> points, const std::atomic<bool>& cancel) {
-  std::atomic<bool> all = true;
-  parallel_for(points.size(), 256, [&](size_t begin, size_t end) {
-    for (size_t i = begin; i < end && all && !cancel; ++i)
-      if (!winding.inside(points[i])) all = false;
-  });
-  return all;
-}
-
 }  // namespace
 
 Result<std::unique_ptr<Binding>> create_solved_binding(std::shared_ptr<const CageIndex> index,
@@ -139,7 +128,9 @@ Result<std::unique_ptr<Binding>> create_solved_binding(std::shared_ptr<const Cag
   } else {
     const bool moments = !is_closed(structures.cage) || !all_inside(*structures.winding, queries.points, cancel);
     if (cancel) return Error{ErrorCode::kCancelled, "", "the request was cancelled"};
-    auto created = BoundarySolver::create(structures.cage, {.panels = settings.options.panels, .moments = moments});
+    auto created = BoundarySolver::create(
+        structures.cage,
+        {.panels = settings.options.panels, .sides = moments ? BoundarySides::kBoth : BoundarySides::kInside});
     if (!created) return created.error();
     solver = std::move(*created);
   }

@@ -6,15 +6,12 @@
 
 #include <atomic>
 #include <cstdint>
-#include <optional>
 #include <span>
 #include <variant>
 
+#include "estimate/locator.h"
 #include "estimate/moments.h"
 #include "estimate/projection.h"
-#include "estimate/row_flags.h"
-#include "query/distance_index.h"
-#include "query/winding.h"
 #include "sample/rays.h"
 #include "sample/walks.h"
 
@@ -24,11 +21,8 @@ template <int D>
 using Sampler = std::variant<HarmonicWalks<D>, RaySamples<D>>;
 
 template <int D>
-struct PointEstimate {
+struct PointEstimate : Located<D> {
   Projected<D> projected;
-  std::optional<CagePoint<D>> on_cage;  // y, for a query within the thickness of the cage
-  double distance = 0.0;                // to the cage
-  uint8_t flags = 0;                    // RowFlags
   SampleCounts counts;
 };
 
@@ -67,17 +61,11 @@ class PointEstimator {
   const Projection<D>& projection() const { return projection_; }
 
  private:
-  // Where x is with respect to the cage, and where its samples start from.
-  // within: what its distance is known not to exceed.
-  SampleQuery<D> locate(const Vec<D>& x, double within, CagePoint<D>& closest, PointEstimate<D>& out) const;
-  Vec<D> shifted(const Vec<D>& x, const CagePoint<D>& closest) const;
   // Signed weights do without pseudo-samples; where they amplify noise too much (in the paper preset: where rounding
   // would be seen), their magnitudes with pseudo-samples replace them.
   void project(const Vec<D>& x, const SampleSet<D>& samples, Workspace& workspace, Projected<D>& out) const;
 
-  const Cage<D>& cage_;
-  const DistanceIndex<D>& distance_;
-  const WindingNumber<D>& winding_;
+  Locator<D> locator_;
   Sampler<D> sampler_;
   Settings settings_;
   Projection<D> projection_;

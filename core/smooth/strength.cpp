@@ -14,6 +14,7 @@ namespace {
 // of two of the best the error hardly changes.
 constexpr double kEdgesPerNoise = 28.0;
 constexpr double kNoiseLarge = 0.5;
+constexpr double kEdgesOfCorrections = 20.0;
 
 // At 50 samples; within a factor of two they hardly matter.
 constexpr double kSamplesReference = 50.0;
@@ -74,6 +75,10 @@ double smoothing_time_as_printed(const SquaredEdges& edges, double samples) {
 
 double smoothing_time(const SquaredEdges& edges, double relative_noise) {
   return edges.median * kEdgesPerNoise * relative_noise / (1.0 + relative_noise / kNoiseLarge);
+}
+
+double smoothing_time_of_corrections(const SquaredEdges& edges) {
+  return edges.median * kEdgesOfCorrections;
 }
 
 double smoothing_time_per_squared_distance(ErrorRate rate, double samples) {

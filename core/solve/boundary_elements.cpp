@@ -40,19 +40,19 @@ double unknown_scale(const Panel& panel) {
 Result<std::unique_ptr<BoundarySolver>> BoundarySolver::create(const Cage<3>& cage, const BoundarySettings& settings) {
   Result<Panels> panels = Panels::cut(cage, settings.panels);
   if (!panels) return panels.error();
-  return std::unique_ptr<BoundarySolver>(new BoundarySolver(cage, std::move(*panels), settings.moments));
+  return std::unique_ptr<BoundarySolver>(new BoundarySolver(cage, std::move(*panels), settings.sides));
 }
 
-BoundarySolver::BoundarySolver(const Cage<3>& cage, Panels panels, bool moments)
+BoundarySolver::BoundarySolver(const Cage<3>& cage, Panels panels, BoundarySides sides)
     : cage_(cage),
       kernels_(std::move(panels)),
-      data_(cage, moments),
+      data_(cage, sides != BoundarySides::kInside),
       dipoles_(cage, kernels_.panels(), data_),
       matrix_(3 * kernels_.panels().panels.size()) {
-  const bool closed = is_closed(cage);
-  if (closed) densities_.inside.resize(DensityColumn::groups(data_.basis_count()));
-  if (moments || !closed) densities_.indirect.resize(DensityColumn::groups(data_));
-  dipoles_done_ = closed ? 0 : BoundarySolver::panels().size();
+  const bool inside = sides != BoundarySides::kElsewhere && is_closed(cage);
+  if (inside) densities_.inside.resize(DensityColumn::groups(data_.basis_count()));
+  if (sides != BoundarySides::kInside || !inside) densities_.indirect.resize(DensityColumn::groups(data_));
+  dipoles_done_ = inside ? 0 : BoundarySolver::panels().size();
 }
 
 size_t BoundarySolver::total() const {
@@ -63,7 +63,7 @@ size_t BoundarySolver::solved_bytes(const BoundarySettings& settings, size_t con
   const auto n = static_cast<Eigen::Index>(control_vertices);
   // Inside, and with moments both sides; in whole groups each.
   size_t groups = DensityColumn::groups(n);
-  if (settings.moments) groups += DensityColumn::groups(n) + DensityColumn::groups(3 * n + 6);
+  if (settings.sides != BoundarySides::kInside) groups += DensityColumn::groups(n) + DensityColumn::groups(3 * n + 6);
   const size_t per_point = groups * static_cast<size_t>(kDensityGroup) + 11;  // and kernels, and shares
   return settings.panels * (sizeof(Panel) + 3 * per_point * sizeof(double));
 }
@@ -221,11 +221,14 @@ std::vector<Warning> BoundarySolver::warnings() const {
            "off by some hundredths; sampling has no such limit"}};
 }
 
+BoundaryParts BoundarySolver::take_parts() {
+  BARYCAST_CHECK_OP(done(), ==, total());
+  return {std::move(kernels_), std::move(dipoles_), data_, std::move(densities_)};
+}
+
 std::unique_ptr<const Solution<3>> BoundarySolver::take(const DistanceIndex<3>& distance,
                                                         const WindingNumber<3>& winding) {
-  BARYCAST_CHECK_OP(done(), ==, total());
-  return std::make_unique<BoundaryField>(cage_, distance, winding, std::move(kernels_), std::move(dipoles_), data_,
-                                         std::move(densities_));
+  return std::make_unique<BoundaryField>(cage_, distance, winding, take_parts());
 }
 
 }  // namespace barycast

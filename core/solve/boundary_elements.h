@@ -41,9 +41,13 @@
 
 namespace barycast {
 
+// Where the solution is asked for: inside a closed cage, where values will do, or elsewhere, where moments are needed.
+// Cages that have no inside get a layer for both sides.
+enum class BoundarySides { kInside, kElsewhere, kBoth };
+
 struct BoundarySettings {
   uint32_t panels = 1000;  // at most
-  bool moments = true;     // false: points inside a closed cage only
+  BoundarySides sides = BoundarySides::kBoth;
 };
 
 // Solves in pieces of about ten milliseconds, each on all threads of the calling arena.
@@ -63,13 +67,14 @@ class BoundarySolver {
 
   // Once done() == total(); the solver is spent.
   std::unique_ptr<const Solution<3>> take(const DistanceIndex<3>& distance, const WindingNumber<3>& winding);
+  BoundaryParts take_parts();
 
   // Peak of memory while solving, and what the solution keeps, if all panels are used.
   static size_t bytes(const BoundarySettings& settings, size_t control_vertices);
   static size_t solved_bytes(const BoundarySettings& settings, size_t control_vertices);
 
  private:
-  BoundarySolver(const Cage<3>& cage, Panels panels, bool moments);
+  BoundarySolver(const Cage<3>& cage, Panels panels, BoundarySides sides);
   const std::vector<Panel>& panels() const { return kernels_.panels().panels; }
   size_t rows() const { return matrix_.tile_count(); }
   size_t tiles() const { return rows() * (rows() + 1) / 2; }

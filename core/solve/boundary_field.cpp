@@ -2,12 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include "base/tolerances.h"
 #include "query/element_distance.h"
 #include "solve/closed.h"
 #include "solve/moment_field.h"
+#include "solve/panel_jump.h"
 
 namespace barycast {
 namespace {
@@ -43,16 +43,15 @@ struct BoundaryField::Query {
 };
 
 BoundaryField::BoundaryField(const Cage<3>& cage, const DistanceIndex<3>& distance, const WindingNumber<3>& winding,
-                             PanelKernels kernels, DoubleLayer dipoles, const BoundaryData& data,
-                             BoundaryDensities densities)
+                             BoundaryParts parts)
     : cage_(cage),
       distance_(distance),
       winding_(winding),
-      kernels_(std::move(kernels)),
-      dipoles_(std::move(dipoles)),
-      data_(data),
+      kernels_(std::move(parts.kernels)),
+      dipoles_(std::move(parts.dipoles)),
+      data_(parts.data),
       is_closed_(is_closed(cage)),
-      densities_(std::move(densities)) {}
+      densities_(std::move(parts.densities)) {}
 
 size_t BoundaryField::bytes() const {
   const size_t groups = densities_.indirect.size() + densities_.inside.size();
@@ -143,34 +142,19 @@ Eigen::Index BoundaryField::columns_of(const Query& query) const {
 }
 
 // Between a patch and the panels that were cut from it a point may be inside of the one and outside of the others:
-// there the potentials are those of inside, continued. Across a panel that of dipoles falls by their density, and the
-// outward slope of that of charges by 4 pi times theirs; both are linear on it, and so the continuations exact. `row`
-// of `out` holds the potentials at x, with the gradient in the rows after it.
+// there the potentials are those of inside, continued. `row` of `out` holds the potentials at x, with the gradient in
+// the rows after it.
 void BoundaryField::continue_beyond_panels(const Query& query, const Vec<3>& x, Eigen::Index row, bool gradient,
                                            Potentials& out) const {
   if (!query.inside) return;
-  // On a panel, in between.
-  const double enclosed = out.enclosed[row];
-  const double outside = enclosed > 0.75 ? 0.0 : enclosed < 0.25 ? 1.0 : 1 - enclosed;
+  const double outside = outside_part(out.enclosed[row]);
   if (outside == 0.0) return;
-  const std::optional<size_t> p = dipoles_.panel_at(kernels_.panels(), query.y);
-  if (!p) return;
-  const Panel& panel = kernels_.panels().panels[*p];
-  const Vec<3> outward = cage_.orientation() * panel.normal;
-  const double height = outward.dot(x - panel.centre), charge_factor = 4 * std::numbers::pi;
-  BoundaryData::Row charges(data_.basis_count());
-  for (size_t k = 0; k < 3; ++k) {
-    const BoundaryData::Row dipoles = dipoles_.at(3 * *p + k);
-    for (Eigen::Index v = 0; v < charges.size(); ++v) {
-      const DensityColumn at(v, data_);
-      charges[v] = charge_factor * densities_.inside[at.group](static_cast<Eigen::Index>(3 * *p + k), at.lane);
-    }
-    const double share = 1 / 3.0 + panel.gradient[k].dot(x - panel.centre);
-    out.columns.row(row) += outside * share * (dipoles + height * charges);
-    for (Eigen::Index i = 0; gradient && i < 3; ++i)
-      out.columns.row(row + 1 + i) +=
-          outside * (panel.gradient[k][i] * (dipoles + height * charges) + share * outward[i] * charges);
-  }
+  const auto jump =
+      jump_across_panel(kernels_.panels(), dipoles_, densities_.inside, data_, cage_.orientation(), query.y, x);
+  if (!jump) return;
+  out.columns.row(row) += outside * jump->value;
+  for (Eigen::Index i = 0; gradient && i < 3; ++i)
+    out.columns.row(row + 1 + i) += outside * jump->gradient[static_cast<size_t>(i)];
 }
 
 // What the potentials lack at the closest point.

@@ -23,10 +23,18 @@ struct BoundaryDensities {
   DensityGroups inside;    // of the basis, beside the dipoles; empty where those would not do
 };
 
+// The same, with what it is evaluated with.
+struct BoundaryParts {
+  PanelKernels kernels;
+  DoubleLayer dipoles;
+  BoundaryData data;
+  BoundaryDensities densities;
+};
+
 class BoundaryField final : public Solution<3> {
  public:
   BoundaryField(const Cage<3>& cage, const DistanceIndex<3>& distance, const WindingNumber<3>& winding,
-                PanelKernels kernels, DoubleLayer dipoles, const BoundaryData& data, BoundaryDensities densities);
+                BoundaryParts parts);
 
   void evaluate(std::span<const Vec<3>> points, bool gradients, SolvedRows<3>& out) const override;
   size_t bytes() const override;

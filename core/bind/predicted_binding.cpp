@@ -1,0 +1,239 @@
+#include "bind/predicted_binding.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "base/parallel.h"
+#include "base/workspace.h"
+#include "bind/block_builder.h"
+#include "bind/mesh_kernel.h"
+#include "bind/quantum.h"
+#include "estimate/corrected_estimator.h"
+#include "smooth/strength.h"
+#include "solve/closed.h"
+
+namespace barycast {
+namespace {
+
+constexpr size_t kColumns = HeatKernel::kColumns;
+
+class PredictedBinding final : public Binding {
+ public:
+  PredictedBinding(std::shared_ptr<const CageIndex> index, const CageStructures<3>& structures, QuerySet<3> queries,
+                   const BindingSettings& settings)
+      : index_(std::move(index)),
+        cage_(structures.cage),
+        queries_(std::move(queries)),
+        settings_(settings),
+        estimator_(cage_, *structures.walks, *structures.winding,
+                   HarmonicWalks<3>(*structures.walks, {.walks = settings.options.samples,
+                                                        .thickness = settings.options.thickness,
+                                                        .walk_steps_max = settings.options.walk_steps_max}),
+                   structures.inside.get(), structures.elsewhere.get(),
+                   {.thickness = settings.options.thickness, .seed = settings.options.seed}),
+        finisher_(cage_, {.prune_below = settings.options.prune_below,
+                          .gradients = settings.options.gradients,
+                          .influences_max = settings.options.influences_max}),
+        blocks_(settings_, cage_.frame().diagonal),
+        quantum_(1000 / settings.options.samples),
+        tasks_([] { return Task(); }) {
+    summary_.warnings.assign(cage_.warnings().begin(), cage_.warnings().end());
+    summary_.warnings.insert(summary_.warnings.end(), queries_.warnings.begin(), queries_.warnings.end());
+    if (smoothed()) {
+      places_.resize(queries_.nodes.size());
+      corrections_.resize(queries_.nodes.size() * estimator_.columns());
+      progress_ = {Stage::kSampling, 0, queries_.nodes.size()};
+    } else {
+      queries_.mesh = {};
+      progress_ = {Stage::kSampling, settings.first_row, queries_.points.size()};
+    }
+  }
+
+  // Where the caller did not. False: `cancel` was seen set.
+  bool choose_smoothing_time(const std::atomic<bool>& cancel) {
+    if (settings_.options.smoothing_time) {
+      summary_.smoothing_time = *settings_.options.smoothing_time;
+      return true;
+    }
+    const std::optional<SquaredEdges> edges = squared_edges(queries_.mesh, cancel);
+    if (!edges) return false;
+    summary_.smoothing_time = smoothing_time_of_corrections(*edges);
+    return true;
+  }
+
+  Step advance(const std::atomic<bool>& cancel) override {
+    if (cancel) return Step::kCancelled;
+    if (smoothed() && nodes_sampled_ < queries_.nodes.size()) return sample_nodes(cancel);
+    if (smoothed() && !kernel_) return factor(cancel);
+    if (smoothed() && groups_done_ < group_count()) return smooth(cancel);
+    return make_rows(cancel);
+  }
+
+  RowBlock take_block() override { return std::exchange(block_, {}); }
+  Progress progress() const override { return progress_; }
+  const BindingSummary& summary() const override { return summary_; }
+  double smoothing_time() const override { return summary_.smoothing_time; }
+
+ private:
+  struct Task {
+    CorrectedEstimator::Workspace workspace;
+    std::vector<Vec<3>> points;
+    std::vector<CorrectedPoint> places;
+    std::vector<float> corrections;
+  };
+  static constexpr size_t kPointsPerTask = 32;
+
+  bool smoothed() const { return settings_.options.denoise == Denoise::kMesh; }
+  size_t columns() const { return estimator_.columns(); }
+  size_t group_count() const { return (columns() + kColumns - 1) / kColumns; }
+
+  Step sample_nodes(const std::atomic<bool>& cancel) {
+    const StageTimer timer(summary_.sampling_s);
+    const size_t first = nodes_sampled_, count = std::min(quantum_.size(), queries_.nodes.size() - first);
+    const bool complete = quantum_.run(count, kPointsPerTask, cancel, [&](size_t begin, size_t end) {
+      const size_t from = first + begin, size = end - begin;
+      return estimator_.correct(std::span(queries_.nodes).subspan(from, size), cancel, tasks_.local().workspace,
+                                std::span(places_).subspan(from, size),
+                                std::span(corrections_).subspan(from * columns(), size * columns()));
+    });
+    if (!complete) return Step::kCancelled;
+    nodes_sampled_ += count;
+    progress_.done = nodes_sampled_;
+    return Step::kWorking;
+  }
+
+  std::vector<double> smoothing_times() const {
+    std::vector<double> times(queries_.nodes.size(), summary_.smoothing_time);
+    const double factor = smoothing_time_per_squared_distance(ErrorRate::kSquareRoot, settings_.options.samples);
+    for (size_t node = 0; node < times.size(); ++node) {
+      const double distance = std::max(places_[node].distance, settings_.options.thickness);
+      times[node] = std::min(times[node], factor * distance * distance);
+    }
+    return times;
+  }
+
+  Step factor(const std::atomic<bool>& cancel) {
+    const StageTimer timer(summary_.smoothing_factor_s);
+    kernel_ = find_mesh_kernel(queries_.mesh, smoothing_times(), settings_.kernels, cancel, summary_.warnings);
+    if (!kernel_) return Step::kCancelled;
+    for (const CorrectedPoint& place : places_) add_counts(place.counts, summary_);
+    progress_ = {Stage::kSmoothing, 0, group_count()};
+    return Step::kWorking;
+  }
+
+  // A group of columns for every thread, in place; nodes on the cage keep their own.
+  Step smooth(const std::atomic<bool>& cancel) {
+    const StageTimer timer(summary_.smoothing_solve_s);
+    const size_t count = std::min(parallel_width(), group_count() - groups_done_), nodes = queries_.nodes.size();
+    std::atomic<bool> complete = true;
+    parallel_for(count, 1, [&](size_t begin, size_t end) {
+      std::vector<float> block(nodes * kColumns);
+      for (size_t g = groups_done_ + begin; g < groups_done_ + end; ++g) {
+        const size_t first = g * kColumns, width = std::min(kColumns, columns() - first);
+        for (size_t node = 0; node < nodes; ++node) {
+          float* const row = &block[kernel_->kernel.place(node) * kColumns];
+          std::copy_n(&corrections_[node * columns() + first], width, row);
+          std::fill(row + width, row + kColumns, 0.0f);
+        }
+        if (!kernel_->kernel.smooth(block, cancel)) complete = false;
+        for (size_t node = 0; node < nodes && complete; ++node)
+          if (kernel_->kernel.smooths(node))
+            std::copy_n(&block[kernel_->kernel.place(node) * kColumns], width, &corrections_[node * columns() + first]);
+      }
+    });
+    if (!complete) return Step::kCancelled;
+    groups_done_ += count;
+    progress_.done = groups_done_;
+    if (groups_done_ == group_count()) progress_ = {Stage::kRows, settings_.first_row, queries_.points.size()};
+    return Step::kWorking;
+  }
+
+  bool finish_rows(size_t first, const std::atomic<bool>& cancel, std::span<FinishedRow<3>> rows) {
+    Task& task = tasks_.local();
+    task.places.resize(rows.size());
+    task.corrections.resize(rows.size() * columns());
+    const std::span<const Vec<3>> points = std::span(queries_.points).subspan(first, rows.size());
+    if (smoothed()) {
+      for (size_t i = 0; i < rows.size(); ++i) {
+        const size_t node = queries_.node_of_point[first + i];
+        task.places[i] = places_[node];
+        std::copy_n(&corrections_[node * columns()], columns(), &task.corrections[i * columns()]);
+      }
+    } else if (!estimator_.correct(points, cancel, task.workspace, task.places, task.corrections)) {
+      return false;
+    }
+    estimator_.predict(task.places, settings_.options.gradients, task.workspace,
+                       [&](size_t i, const CorrectedEstimator::Predicted& predicted) {
+                         finish_row(points[i], task.places[i], predicted, &task.corrections[i * columns()], rows[i]);
+                       });
+    return true;
+  }
+
+  void finish_row(const Vec<3>& x, const CorrectedPoint& place, const CorrectedEstimator::Predicted& predicted,
+                  const float* correction, FinishedRow<3>& row) const {
+    Eigen::Index column = 0;
+    for (const uint32_t v : cage_.used_vertices()) {
+      RowEntry<3> entry{v, predicted.values[column] + double{correction[column]}, Vec<3>::Zero()};
+      if (settings_.options.gradients)
+        for (Eigen::Index a = 0; a < 3; ++a) entry.gradient[a] = predicted.gradients[static_cast<size_t>(a)][column];
+      row.entries.push_back(entry);
+      ++column;
+    }
+    row.flags = place.flags;
+    if (!smoothed()) row.counts = place.counts;
+    row.error = finisher_.finish(x, row.entries);
+  }
+
+  Step make_rows(const std::atomic<bool>& cancel) {
+    const StageTimer timer(smoothed() ? summary_.rows_s : summary_.sampling_s);
+    const Step step = blocks_.advance(
+        queries_.points.size(), quantum_, kPointsPerTask, cancel,
+        [&](size_t first, std::span<FinishedRow<3>> rows) { return finish_rows(first, cancel, rows); }, block_,
+        summary_);
+    progress_.done = blocks_.next_row();
+    return step;
+  }
+
+  std::shared_ptr<const CageIndex> index_;  // keeps cage_ alive
+  const Cage<3>& cage_;
+  QuerySet<3> queries_;
+  BindingSettings settings_;
+  CorrectedEstimator estimator_;
+  RowFinisher<3> finisher_;
+  BlockBuilder<3> blocks_;
+  Quantum quantum_;
+  PerThread<Task> tasks_;
+
+  // With denoising only: of the nodes.
+  std::vector<CorrectedPoint> places_;
+  std::vector<float> corrections_;  // nodes x columns
+  size_t nodes_sampled_ = 0;
+  KernelCache::Kernel kernel_;
+  size_t groups_done_ = 0;
+
+  RowBlock block_;
+  Progress progress_;
+  BindingSummary summary_;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<Binding>> create_predicted_binding(std::shared_ptr<const CageIndex> index,
+                                                          const CageStructures<3>& structures, QuerySet<3> queries,
+                                                          const BindingSettings& settings,
+                                                          const std::atomic<bool>& cancel) {
+  // What is inside a closed cage was prepared with it; whether points are elsewhere the cage cannot know.
+  if (is_closed(structures.cage) && !all_inside(*structures.winding, queries.points, cancel)) {
+    if (cancel) return Error{ErrorCode::kCancelled, "", "the request was cancelled"};
+    const Status built = wait_for([&](std::function<void(Status)> then) {
+      prepare_prediction(structures, BoundarySides::kElsewhere, std::move(then));
+    });
+    if (!built) return built.error();
+  }
+  auto binding = std::make_unique<PredictedBinding>(std::move(index), structures, std::move(queries), settings);
+  if (settings.options.denoise == Denoise::kMesh && !binding->choose_smoothing_time(cancel))
+    return Error{ErrorCode::kCancelled, "", "the request was cancelled"};
+  return std::unique_ptr<Binding>(std::move(binding));
+}
+
+}  // namespace barycast

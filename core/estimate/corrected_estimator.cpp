@@ -1,0 +1,120 @@
+#include "estimate/corrected_estimator.h"
+
+#include <algorithm>
+
+#include "solve/closed.h"
+#include "solve/moment_field.h"
+
+namespace barycast {
+namespace {
+
+// Sums of what is missing may leave less mass than this part of the predicted one only where walks hardly hit: there
+// the prediction alone is better.
+constexpr double kMassMin = 0.5;
+
+BoundaryData::Row row_of(const HarmonicPrediction::Rows::Table& table, Eigen::Index row) {
+  return table.row(row).cast<double>();
+}
+
+}  // namespace
+
+CorrectedEstimator::CorrectedEstimator(const Cage<3>& cage, const DistanceIndex<3>& distance,
+                                       const WindingNumber<3>& winding, const HarmonicWalks<3>& walks,
+                                       const HarmonicPrediction* inside, const HarmonicPrediction* elsewhere,
+                                       const Settings& settings)
+    : cage_(cage),
+      locator_(cage, distance, winding, settings.thickness),
+      walks_(walks),
+      inside_(inside),
+      elsewhere_(elsewhere),
+      is_closed_(is_closed(cage)),
+      settings_(settings) {}
+
+bool CorrectedEstimator::correct(std::span<const Vec<3>> points, const std::atomic<bool>& cancel, Workspace& workspace,
+                                 std::span<CorrectedPoint> places, std::span<float> corrections) const {
+  locator_.locate(points, settings_.seed, workspace.queries, places);
+  if (workspace.samples.size() < points.size()) workspace.samples.resize(points.size());
+  if (!walks_.sample(workspace.queries, cancel, workspace.samples)) return false;
+  bool any_elsewhere = false;
+  for (size_t i = 0; i < points.size(); ++i) {
+    CorrectedPoint& place = places[i];
+    place.origin = workspace.queries[i].origin;
+    place.elsewhere =
+        !is_closed_ || (place.on_cage ? !locator_.winding().inside(place.origin) : (place.flags & kRowOutside) != 0);
+    any_elsewhere |= place.elsewhere;
+    place.counts = workspace.samples[i].counts;
+    if (place.elsewhere) continue;
+    std::vector<double>& missing = workspace.missing;
+    missing.assign(columns(), 0.0);
+    for (const Sample<3>& sample : workspace.samples[i].samples)
+      inside_->add_missing(sample.element, sample.shares, sample.weight, missing);
+    const double walks = static_cast<double>(place.counts.started);
+    const std::span<float> row = corrections.subspan(i * columns(), columns());
+    for (size_t v = 0; v < columns(); ++v) row[v] = static_cast<float>(missing[v] / walks);
+  }
+  if (any_elsewhere) correct_moments(places, workspace, corrections);
+  return true;
+}
+
+void CorrectedEstimator::evaluate(std::span<const CorrectedPoint> points, bool elsewhere, bool gradients,
+                                  Workspace& workspace) const {
+  workspace.chosen.clear();
+  workspace.points.clear();
+  for (size_t i = 0; i < points.size(); ++i) {
+    if (points[i].elsewhere != elsewhere) continue;
+    workspace.chosen.push_back(i);
+    workspace.points.push_back(points[i].origin);
+  }
+  if (!workspace.chosen.empty()) prediction(elsewhere).evaluate(workspace.points, gradients, workspace.rows);
+}
+
+void CorrectedEstimator::correct_moments(std::span<const CorrectedPoint> points, Workspace& workspace,
+                                         std::span<float> corrections) const {
+  evaluate(points, true, false, workspace);
+  const auto n = static_cast<Eigen::Index>(columns());
+  BoundaryData::Row predicted(n), corrected(n);
+  std::array<BoundaryData::Row, 3> no_gradients;
+  for (size_t k = 0; k < workspace.chosen.size(); ++k) {
+    const size_t i = workspace.chosen[k];
+    std::vector<double>& missing = workspace.missing;
+    missing.assign(static_cast<size_t>(elsewhere_->columns()), 0.0);
+    for (const Sample<3>& sample : workspace.samples[i].samples)
+      elsewhere_->add_missing(sample.element, sample.shares, sample.weight, missing);
+    BoundaryData::Row moments = row_of(workspace.rows.values, static_cast<Eigen::Index>(k));
+    project_moments(points[i].origin, moments, {}, n, predicted, no_gradients);
+    const double mass = moments.head(n).sum();
+    moments += Eigen::Map<const BoundaryData::Row>(missing.data(), elsewhere_->columns()) /
+               static_cast<double>(points[i].counts.started);
+    const std::span<float> row = corrections.subspan(i * columns(), columns());
+    std::fill(row.begin(), row.end(), 0.0f);
+    if (moments.head(n).sum() < kMassMin * mass) continue;
+    project_moments(points[i].origin, moments, {}, n, corrected, no_gradients);
+    for (size_t v = 0; v < columns(); ++v) {
+      const auto c = static_cast<Eigen::Index>(v);
+      row[v] = static_cast<float>(corrected[c] - predicted[c]);
+    }
+  }
+}
+
+void CorrectedEstimator::predict(std::span<const CorrectedPoint> points, bool gradients, Workspace& workspace,
+                                 const std::function<void(size_t, const Predicted&)>& row) const {
+  const auto n = static_cast<Eigen::Index>(columns());
+  Predicted predicted;
+  for (const bool elsewhere : {false, true}) {
+    evaluate(points, elsewhere, gradients, workspace);
+    for (size_t k = 0; k < workspace.chosen.size(); ++k) {
+      const auto at = static_cast<Eigen::Index>(k);
+      predicted.values = row_of(workspace.rows.values, at);
+      for (size_t a = 0; gradients && a < 3; ++a) predicted.gradients[a] = row_of(workspace.rows.gradients[a], at);
+      if (elsewhere) {
+        const BoundaryData::Row moments = predicted.values;
+        const std::array<BoundaryData::Row, 3> slopes = predicted.gradients;
+        predicted.values.resize(n);
+        project_moments(points[workspace.chosen[k]].origin, moments, slopes, n, predicted.values, predicted.gradients);
+      }
+      row(workspace.chosen[k], predicted);
+    }
+  }
+}
+
+}  // namespace barycast

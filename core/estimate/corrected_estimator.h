@@ -1,0 +1,82 @@
+#pragma once
+
+// Harmonic coordinates by prediction and correction: a boundary-element solution h of the cage predicts them, and walks
+// from the query find the mean of what it misses where they end (solve/prediction.h). Unbiased whatever the error of h,
+// but for the walks' own: what they miss by ending within the thickness is a part of the correction, not of the
+// coordinates.
+//
+// Inside a closed cage h are the coordinates. Elsewhere moments are predicted and corrected, and both are projected
+// [SBC Eq. 7 to 10]: the correction is what that changes.
+
+#include <array>
+#include <atomic>
+#include <functional>
+#include <span>
+#include <vector>
+
+#include "estimate/locator.h"
+#include "sample/walks.h"
+#include "solve/prediction.h"
+
+namespace barycast {
+
+struct CorrectedPoint : Located<3> {
+  Vec<3> origin;   // where prediction and correction are taken: the point, or off the cage beside it
+  bool elsewhere;  // by moments
+  SampleCounts counts;
+};
+
+class CorrectedEstimator {
+ public:
+  struct Settings {
+    double thickness;
+    uint64_t seed;
+  };
+  // Predictions may be null where no point needs them: points of closed cages that are inside, and all others.
+  CorrectedEstimator(const Cage<3>& cage, const DistanceIndex<3>& distance, const WindingNumber<3>& winding,
+                     const HarmonicWalks<3>& walks, const HarmonicPrediction* inside,
+                     const HarmonicPrediction* elsewhere, const Settings& settings);
+
+  // Columns of corrections and predictions: the control vertices that elements use, in their order.
+  size_t columns() const { return cage_.used_vertices().size(); }
+
+  struct Workspace {
+    std::vector<SampleQuery<3>> queries;
+    std::vector<SampleSet<3>> samples;
+    std::vector<size_t> chosen;  // points of one side
+    std::vector<Vec<3>> points;
+    std::vector<double> missing;
+    HarmonicPrediction::Rows rows;
+  };
+
+  // Where some points are (normalized frame), and their corrections, a row of columns() each. Each is a function of its
+  // position, the seed and the settings alone. False: `cancel` was seen set. Const and thread-safe, a workspace per
+  // thread.
+  bool correct(std::span<const Vec<3>> points, const std::atomic<bool>& cancel, Workspace& workspace,
+               std::span<CorrectedPoint> places, std::span<float> corrections) const;
+
+  // Values at the points' origins, and gradients per diagonal if asked for: columns() each.
+  struct Predicted {
+    Eigen::Matrix<double, 1, Eigen::Dynamic> values;
+    std::array<Eigen::Matrix<double, 1, Eigen::Dynamic>, 3> gradients;
+  };
+  // Calls row(i, predicted) for every point, in no particular order. Const and thread-safe, a workspace per thread.
+  void predict(std::span<const CorrectedPoint> points, bool gradients, Workspace& workspace,
+               const std::function<void(size_t, const Predicted&)>& row) const;
+
+ private:
+  const HarmonicPrediction& prediction(bool elsewhere) const { return elsewhere ? *elsewhere_ : *inside_; }
+  // Evaluates those of the points that are on one side, in the order of `chosen`.
+  void evaluate(std::span<const CorrectedPoint> points, bool elsewhere, bool gradients, Workspace& workspace) const;
+  void correct_moments(std::span<const CorrectedPoint> points, Workspace& workspace,
+                       std::span<float> corrections) const;
+
+  const Cage<3>& cage_;
+  Locator<3> locator_;
+  HarmonicWalks<3> walks_;
+  const HarmonicPrediction *inside_, *elsewhere_;
+  bool is_closed_;
+  Settings settings_;
+};
+
+}  // namespace barycast

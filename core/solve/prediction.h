@@ -1,0 +1,63 @@
+#pragma once
+
+// A prediction of harmonic coordinates to be corrected by walks: a small boundary-element solution, evaluated in
+// floats, and what it misses on the cage. Whatever its error, it is harmonic, so that
+//
+//   alpha_v(x) = h_v(x) + E[phi_v(y) - h_v(y)],   y: where a walk from x ends
+//
+// holds exactly (control variate): walks have to find the mean of what it misses, a small fraction of the coordinates.
+// Inside closed cages the columns are the control vertices that the elements use; elsewhere the moments of
+// solve/boundary_data.h, from which the projection makes coordinates.
+//
+// Depends on the cage alone. Const and thread-safe; deterministic.
+
+#include <memory>
+#include <optional>
+
+#include "base/result.h"
+#include "query/winding.h"
+#include "solve/boundary_elements.h"
+#include "solve/panel_sums.h"
+#include "solve/residual_table.h"
+
+namespace barycast {
+
+class HarmonicPrediction {
+ public:
+  // For the inside of a closed cage or for elsewhere. Solves, on the threads of the calling arena. The cage and its
+  // index must outlive what comes of it. Errors: those of BoundarySolver::create.
+  static Result<std::unique_ptr<const HarmonicPrediction>> create(const Cage<3>& cage, const DistanceIndex<3>& distance,
+                                                                  BoundarySides side);
+  // Whether the cage is one that a prediction pays for. Errors: kInvalidArgument ("estimator": too many elements or
+  // control vertices).
+  static Status check(const Cage<3>& cage);
+
+  const BoundaryData& data() const { return parts_.data; }
+  Eigen::Index columns() const { return data().count(); }
+
+  using Rows = PanelSums::Rows;
+  // h at points of the side, a row each; with gradients per diagonal if asked for. A point's row depends on that point
+  // alone, bit for bit.
+  void evaluate(std::span<const Vec<3>> points, bool gradients, Rows& out) const;
+
+  // Adds weight times what the prediction misses at a point of the cage to columns() sums.
+  void add_missing(uint32_t element, const std::array<double, 4>& shares, double weight, std::span<double> sum) const {
+    missing_.add(element, shares, weight, sum);
+  }
+
+  size_t bytes() const;
+
+ private:
+  HarmonicPrediction(const Cage<3>& cage, const DistanceIndex<3>& distance, BoundaryParts parts);
+  bool has_dipoles() const { return !parts_.densities.inside.empty(); }
+  void find_missing();
+  void continue_beyond_panels(const CagePoint<3>& y, const Vec<3>& x, size_t row, bool gradients, Rows& rows) const;
+
+  const Cage<3>& cage_;
+  const DistanceIndex<3>& distance_;
+  BoundaryParts parts_;
+  PanelSums sums_;
+  ResidualTable missing_;
+};
+
+}  // namespace barycast

@@ -1,0 +1,63 @@
+#include "solve/residual_table.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace barycast {
+namespace {
+
+constexpr double kStepsLeast = 4, kStepsMost = 24;
+// How far nodes stay from the border of their element, in its parameters.
+constexpr double kInset = 1e-4;
+
+// Shares of corners at parameters of an element: those of a quad's patch; a triangle is a quad whose side u = 0 is its
+// first corner, so that linear functions are bilinear.
+std::array<double, 4> shares_at(bool quad, double u, double v) {
+  if (quad) return {(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v};
+  return {1 - u, u * (1 - v), u * v, 0.0};
+}
+
+}  // namespace
+
+ResidualTable::ResidualTable(const Cage<3>& cage, size_t columns, size_t nodes) : cage_(cage), columns_(columns) {
+  const double of_element = static_cast<double>(nodes) / static_cast<double>(cage.elements().size());
+  const auto steps = static_cast<size_t>(std::clamp(std::sqrt(of_element) - 1, kStepsLeast, kStepsMost));
+  for (size_t i = 0; i <= steps; ++i) {
+    // Steps shrink in proportion to the distance from the border, as those of panels do.
+    const double s = static_cast<double>(i) / static_cast<double>(steps);
+    position_.push_back(s * s / (s * s + (1 - s) * (1 - s)));
+  }
+  rows_.assign(node_count() * columns_, 0.0f);
+}
+
+ResidualTable::Node ResidualTable::node(size_t i) const {
+  const size_t side = position_.size();
+  const auto element = static_cast<uint32_t>(i / nodes_of_element());
+  const auto at = [&](size_t k) { return kInset + (1 - 2 * kInset) * position_[k]; };
+  return {element, shares_at(is_quad(element), at(i % side), at(i / side % side))};
+}
+
+ResidualTable::Cell ResidualTable::cell(double t) const {
+  const size_t last = position_.size() - 2;
+  const double root = std::sqrt(std::max(0.0, t)), rest = std::sqrt(std::max(0.0, 1 - t));
+  size_t first = std::min(last, static_cast<size_t>(root / (root + rest) * static_cast<double>(last + 1)));
+  // Rounding may find the cell beside it.
+  if (first > 0 && t < position_[first]) --first;
+  return {first, (t - position_[first]) / (position_[first + 1] - position_[first])};
+}
+
+void ResidualTable::add(uint32_t element, const std::array<double, 4>& shares, double weight,
+                        std::span<double> sum) const {
+  const bool quad = is_quad(element);
+  const double of_corner = shares[1] + shares[2];  // a triangle's first corner has any v
+  const Cell u = cell(of_corner), v = cell(quad ? shares[2] + shares[3] : of_corner > 0 ? shares[2] / of_corner : 0.0);
+  const size_t side = position_.size();
+  const float* const row = rows_.data() + (element * nodes_of_element() + v.first * side + u.first) * columns_;
+  const double a = weight * (1 - u.part) * (1 - v.part), b = weight * u.part * (1 - v.part),
+               c = weight * (1 - u.part) * v.part, d = weight * u.part * v.part;
+  const float *const next_u = row + columns_, *const next_v = row + side * columns_, *const next_uv = next_v + columns_;
+  for (size_t k = 0; k < sum.size(); ++k)
+    sum[k] += a * double{row[k]} + b * double{next_u[k]} + c * double{next_v[k]} + d * double{next_uv[k]};
+}
+
+}  // namespace barycast
