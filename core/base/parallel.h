@@ -12,6 +12,10 @@ namespace barycast {
 // are done. The body must not throw.
 void parallel_for(size_t count, size_t grain, const std::function<void(size_t begin, size_t end)>& body);
 
+// The same for a build that other tasks may wait for: until it returns the calling thread takes up no other task, which
+// might be one of those. What a body throws, such as std::bad_alloc, is thrown here; pieces not yet begun are left out.
+void parallel_build(size_t count, size_t grain, const std::function<void(size_t begin, size_t end)>& body);
+
 // Number of threads the calling arena may use.
 size_t parallel_width();
 

@@ -89,8 +89,8 @@ Result<std::unique_ptr<const DistanceIndex<D>>> make_embree_distance_index(const
 
 // The engine of choice: an octree over the cage and its surroundings, flattened to lattices of cells that name the
 // triangles which may be nearest; radii come in vectors, many walks at a time (grid_builder.h). What lies in no cell,
-// or far from everything, is left to Embree. Builds in hundredths of a second for hundreds of elements, in about half
-// a second for ten thousand, in some seconds for hundreds of thousands.
+// or far from everything, is left to Embree. Builds on all threads of the arena, in hundredths of a second for
+// hundreds of elements, in some tenths for ten thousand, in seconds for hundreds of thousands.
 // Errors: those of make_embree_distance_index.
 template <int D>
 Result<std::unique_ptr<const DistanceIndex<D>>> make_distance_grid(const Cage<D>& cage);

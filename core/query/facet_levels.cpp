@@ -11,7 +11,7 @@ namespace {
 constexpr double kDeviationOfSize = 0.05;
 // Deviations of the levels, in diagonals. The finest is a quarter of the default thickness: coarser, and walks ask for
 // exact distances before they arrive; finer, and cells list more triangles.
-constexpr std::array<double, 3> kDeviationMax = {std::numeric_limits<double>::infinity(), 4e-3, 2.4e-4};
+constexpr std::array<double, kFacetLevelsMax> kDeviationMax = {std::numeric_limits<double>::infinity(), 4e-3, 2.4e-4};
 constexpr int kCutsMax = 6;
 // A level with more triangles than this is left out: distances are decided exactly without it, only later.
 constexpr size_t kTrianglesMax = size_t{1} << 15;

@@ -30,6 +30,8 @@ struct FacetTriangle {
   std::array<Vec<3>, 3> corners;
 };
 
+inline constexpr size_t kFacetLevelsMax = 3;
+
 struct FacetLevel {
   uint32_t first_triangle, triangle_count;
 };

@@ -131,18 +131,32 @@ void radii(const GridTables& grid, const WalkPositions& at, float* out) {
   }
 }
 
-float least_of_distances(const DistanceBlock& block, const std::array<float, 3>& point) {
-  return std::sqrt(hn::GetLane(hn::MinOfLanes(kTag, distance(block, point_of(point)))));
+void distances(const DistanceBlock* blocks, std::span<const uint32_t> numbers, const std::array<float, 3>& point,
+               BlockLanes* squared, float* nearest) {
+  const Point p = point_of(point);
+  for (size_t begin = 0; begin < numbers.size(); begin += kWidth) {
+    Floats rows[kWidth];
+    for (size_t i = 0; i < kWidth; ++i) {
+      rows[i] = hn::Zero(kTag);
+      if (begin + i >= numbers.size()) continue;
+      rows[i] = distance(blocks[numbers[begin + i]], p);
+      hn::StoreU(rows[i], kTag, squared[begin + i].data());
+    }
+    hn::StoreU(hn::Sqrt(least_of_rows(rows)), kTag, nearest + begin);
+  }
 }
 
-uint32_t bits_of(hn::Mask<Tag> mask) {
+HWY_INLINE uint32_t bits_of(hn::Mask<Tag> mask) {
   std::array<uint8_t, 8> bits{};
   hn::StoreMaskBits(kTag, mask, bits.data());
   return bits[0];
 }
 
-uint32_t within(const DistanceBlock& block, const std::array<float, 3>& point, float limit) {
-  return bits_of(hn::Le(distance(block, point_of(point)), hn::Set(kTag, limit * limit)));
+void within(const BlockLanes* squared, std::span<const LaneLimit> limits, uint32_t* lanes) {
+  for (size_t i = 0; i < limits.size(); ++i) {
+    const Floats limit = hn::Set(kTag, limits[i].limit * limits[i].limit);
+    lanes[i] = bits_of(hn::Le(hn::LoadU(kTag, squared[limits[i].index].data()), limit));
+  }
 }
 
 uint32_t below(const BoundBlock& block, const std::array<float, 3>& point, float limit) {
@@ -163,7 +177,7 @@ namespace barycast {
 namespace {
 
 HWY_EXPORT(radii);
-HWY_EXPORT(least_of_distances);
+HWY_EXPORT(distances);
 HWY_EXPORT(within);
 HWY_EXPORT(below);
 HWY_EXPORT(least);
@@ -182,12 +196,13 @@ bool find(const GridLattice& lattice, const std::array<float, 3>& point, uint32_
 
 }  // namespace
 
-float nearest_distance(const DistanceBlock& block, const std::array<float, 3>& point) {
-  return HWY_DYNAMIC_DISPATCH(least_of_distances)(block, point);
+void block_distances(const DistanceBlock* blocks, std::span<const uint32_t> numbers, const std::array<float, 3>& point,
+                     BlockLanes* squared, float* nearest) {
+  HWY_DYNAMIC_DISPATCH(distances)(blocks, numbers, point, squared, nearest);
 }
 
-uint32_t distances_within(const DistanceBlock& block, const std::array<float, 3>& point, float limit) {
-  return HWY_DYNAMIC_DISPATCH(within)(block, point, limit);
+void lanes_within(const BlockLanes* squared, std::span<const LaneLimit> limits, uint32_t* lanes) {
+  HWY_DYNAMIC_DISPATCH(within)(squared, limits, lanes);
 }
 
 uint32_t least_bound(const BoundBlock& block, const std::array<float, 3>& point) {

@@ -5,16 +5,23 @@
 // neighbours but in minima.
 
 #include <cstddef>
+#include <span>
 
 #include "query/distance_index.h"
 #include "query/grid_tables.h"
 
 namespace barycast {
 
-// The distance from one point to the nearest triangle of a block, and a bit for every lane whose triangle is no farther
-// than `limit`.
-float nearest_distance(const DistanceBlock& block, const std::array<float, 3>& point);
-uint32_t distances_within(const DistanceBlock& block, const std::array<float, 3>& point, float limit);
+// Of some blocks, squared distances from a point to their triangles, and of each block the distance to the nearest one.
+// `nearest` has room for a multiple of kBlockLanes.
+void block_distances(const DistanceBlock* blocks, std::span<const uint32_t> numbers, const std::array<float, 3>& point,
+                     BlockLanes* squared, float* nearest);
+// Of some of them, a bit for every lane that is no farther than the limit.
+struct LaneLimit {
+  uint32_t index;
+  float limit;
+};
+void lanes_within(const BlockLanes* squared, std::span<const LaneLimit> limits, uint32_t* lanes);
 
 // The lane of the least bound, the first of equal ones.
 uint32_t least_bound(const BoundBlock& block, const std::array<float, 3>& point);
