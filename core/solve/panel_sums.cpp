@@ -9,12 +9,12 @@ namespace {
 
 // Distances, in radii of a panel, from which three points stand for it, from which seven do, and from which floats will
 // do for its exact potential.
-constexpr double kThreePointRadii = 12.0;
+constexpr double kThreePointRadii = 10.0;
 constexpr double kSevenPointRadii = 5.0;
 constexpr double kFloatRadii = 1.25;
 
-size_t rounded_up(Eigen::Index columns) {
-  return (static_cast<size_t>(columns) + kSumLanes - 1) / kSumLanes * kSumLanes;
+size_t rounded_up(size_t count) {
+  return (count + kSumLanes - 1) / kSumLanes * kSumLanes;
 }
 
 template <class T>
@@ -69,50 +69,65 @@ SumPoints sum_points(const Panel& panel) {
 
 }  // namespace
 
-// Arrays of a batch, all aligned as vectors want it.
+// Arrays of a batch.
 struct PanelSums::Workspace {
-  using Floats = hwy::AlignedFreeUniquePtr<float[]>;
+  using Lines = std::vector<SumLine>;
   size_t rows, columns;  // columns rounded up
-  Floats x, kernels, sums, corner_sums, basis_sums, enclosed;
-  hwy::AlignedFreeUniquePtr<double[]> exact_x;
+  alignas(64) std::array<std::array<float, kSumPoints>, 3> x;
+  alignas(64) std::array<std::array<double, kSumPoints>, 3> exact_x;
+  Lines kernels, sums, corner_sums, basis_sums, enclosed;
 
   Workspace(size_t row_count, size_t column_count, size_t basis_count)
       : rows(row_count),
         columns(column_count),
-        x(hwy::AllocateAligned<float>(3 * kSumPoints)),
-        kernels(hwy::AllocateAligned<float>(rows * 3 * kSumPanels * kSumPoints)),
-        sums(hwy::AllocateAligned<float>(rows * kSumPoints * columns)),
-        corner_sums(hwy::AllocateAligned<float>(rows * 4 * kSumPoints)),
-        basis_sums(hwy::AllocateAligned<float>(rows * basis_count * kSumPoints)),
-        enclosed(hwy::AllocateAligned<float>(kSumPoints)),
-        exact_x(hwy::AllocateAligned<double>(3 * kSumPoints)) {}
+        kernels(lines(rows * 3 * kSumPanels * kSumPoints)),
+        sums(lines(rows * kSumPoints * columns)),
+        corner_sums(lines(rows * 4 * kSumPoints)),
+        basis_sums(lines(rows * basis_count * kSumPoints)),
+        enclosed(lines(kSumPoints)) {}
 
-  void clear(size_t basis_count) {
-    std::fill_n(sums.get(), rows * kSumPoints * columns, 0.0f);
-    std::fill_n(corner_sums.get(), rows * 4 * kSumPoints, 0.0f);
-    std::fill_n(basis_sums.get(), rows * basis_count * kSumPoints, 0.0f);
-    std::fill_n(enclosed.get(), kSumPoints, 0.0f);
+  static Lines lines(size_t floats) { return Lines(floats / kSumLanes); }
+  static float* data(Lines& lines) { return reinterpret_cast<float*>(lines.data()); }
+
+  // For the next batch. Empty lanes repeat the last point.
+  SumBatch start(std::span<const Vec<3>> points) {
+    for (Lines* const some : {&sums, &corner_sums, &basis_sums, &enclosed})
+      std::fill(some->begin(), some->end(), SumLine{});
+    SumBatch batch{.lanes = rounded_up(points.size()),
+                   .x = {x[0].data(), x[1].data(), x[2].data()},
+                   .exact_x = {exact_x[0].data(), exact_x[1].data(), exact_x[2].data()},
+                   .kernels = data(kernels),
+                   .sums = data(sums),
+                   .corner_sums = data(corner_sums),
+                   .basis_sums = data(basis_sums),
+                   .enclosed = data(enclosed)};
+    for (size_t k = 0; k < 3; ++k)
+      for (size_t i = 0; i < batch.lanes; ++i) {
+        exact_x[k][i] = points[std::min(i, points.size() - 1)][static_cast<Eigen::Index>(k)];
+        x[k][i] = static_cast<float>(exact_x[k][i]);
+      }
+    return batch;
   }
 };
 
 PanelSums::PanelSums(const Panels& panels, const BoundaryData& data, const DensityGroups& densities,
                      const DoubleLayer* dipoles)
     : column_count_(densities.size() == DensityColumn::groups(data.basis_count()) ? data.basis_count() : data.count()),
-      basis_count_(data.basis_count()),
-      stride_(rounded_up(column_count_)) {
+      basis_count_(data.basis_count()) {
   const size_t points = 3 * panels.panels.size();
   for (const Panel& panel : panels.panels) {
     points_.push_back(sum_points(panel));
     triangles_.push_back(sum_triangle<float>(panel));
     exact_triangles_.push_back(sum_triangle<double>(panel));
   }
-  densities_ = hwy::AllocateAligned<float>(points * stride_);
-  std::fill_n(densities_.get(), points * stride_, 0.0f);
+  const size_t lines = rounded_up(static_cast<size_t>(column_count_)) / kSumLanes;
+  densities_.resize(points * lines);
   for (Eigen::Index column = 0; column < column_count_; ++column) {
-    const DensityColumn at(column, data);
+    const DensityColumn from(column, data);
+    const auto to = static_cast<size_t>(column);
     for (size_t i = 0; i < points; ++i)
-      densities_[i * stride_ + static_cast<size_t>(column)] =
-          static_cast<float>(densities[at.group](static_cast<Eigen::Index>(i), at.lane));
+      densities_[i * lines + to / kSumLanes].lane[to % kSumLanes] =
+          static_cast<float>(densities[from.group](static_cast<Eigen::Index>(i), from.lane));
   }
   if (dipoles != nullptr) add_dipoles(*dipoles, panels);
 }
@@ -136,8 +151,8 @@ SumTables PanelSums::tables() const {
   return {.points = points_,
           .triangles = triangles_,
           .exact_triangles = exact_triangles_,
-          .densities = densities_.get(),
-          .density_stride = stride_,
+          .densities = reinterpret_cast<const float*>(densities_.data()),
+          .density_stride = rounded_up(static_cast<size_t>(column_count_)),
           .shares = shares_,
           .elements = elements_,
           .entries = entries_,
@@ -147,7 +162,7 @@ SumTables PanelSums::tables() const {
 size_t PanelSums::bytes() const {
   return sizeof(*this) +
          points_.size() * (sizeof(SumPoints) + sizeof(SumTriangle<float>) + sizeof(SumTriangle<double>)) +
-         3 * points_.size() * stride_ * sizeof(float) + shares_.size() * sizeof(shares_[0]) +
+         densities_.size() * sizeof(SumLine) + shares_.size() * sizeof(shares_[0]) +
          elements_.size() * sizeof(SumElement) + entries_.size() * sizeof(SumEntry);
 }
 
@@ -157,7 +172,7 @@ void PanelSums::evaluate(std::span<const Vec<3>> points, Eigen::Index columns, b
   out.values.resize(rows, columns);
   for (auto& partial : out.gradients) partial.resize(gradients ? rows : 0, gradients ? columns : 0);
   out.enclosed.resize(shares_.empty() ? 0 : points.size());
-  Workspace work(gradients ? 4 : 1, rounded_up(columns), static_cast<size_t>(basis_count_));
+  Workspace work(gradients ? 4 : 1, rounded_up(static_cast<size_t>(columns)), static_cast<size_t>(basis_count_));
   for (size_t first = 0; first < points.size(); first += kSumPoints)
     evaluate_batch(points.subspan(first, std::min(kSumPoints, points.size() - first)), first, gradients, work, out);
 }
@@ -165,24 +180,7 @@ void PanelSums::evaluate(std::span<const Vec<3>> points, Eigen::Index columns, b
 void PanelSums::evaluate_batch(std::span<const Vec<3>> points, size_t first, bool gradients, Workspace& work,
                                Rows& out) const {
   const auto basis_count = static_cast<size_t>(basis_count_);
-  work.clear(basis_count);
-  SumBatch batch{.lanes = rounded_up(static_cast<Eigen::Index>(points.size())),
-                 .x = {},
-                 .exact_x = {},
-                 .kernels = work.kernels.get(),
-                 .sums = work.sums.get(),
-                 .corner_sums = work.corner_sums.get(),
-                 .basis_sums = work.basis_sums.get(),
-                 .enclosed = work.enclosed.get()};
-  for (size_t k = 0; k < 3; ++k) {
-    batch.x[k] = work.x.get() + k * kSumPoints;
-    batch.exact_x[k] = work.exact_x.get() + k * kSumPoints;
-    for (size_t i = 0; i < batch.lanes; ++i) {  // empty lanes repeat the last point
-      const double x = points[std::min(i, points.size() - 1)][static_cast<Eigen::Index>(k)];
-      work.exact_x[k * kSumPoints + i] = x;
-      work.x[k * kSumPoints + i] = static_cast<float>(x);
-    }
-  }
+  const SumBatch batch = work.start(points);
   add_panel_sums(tables(), gradients, work.columns, batch);
   const auto columns = out.values.cols();
   for (size_t r = 0; r < work.rows; ++r) {

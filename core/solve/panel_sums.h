@@ -5,9 +5,12 @@
 // BoundaryField does near the cage and outside of it.
 //
 // Far panels are three points, nearer ones seven, and near ones exact, in floats or, next to the panel, in doubles.
-// Values are within 1e-5 of those in doubles, gradients within 1e-3 of their RMS over the cage, but for points as near
-// to an edge of a panel as its gradients are infinite. Points within 1e-13 of a panel's plane are on it: there the
-// dipoles' potential is the mean of both sides.
+// Values are within 1e-5 of those in doubles, gradients within a thousandth of their RMS over the cage; nearer to an
+// edge of a panel than a thousandth of it they lose digits with the distance, and on it they are large but finite.
+// Points within 1e-13 diagonals of a panel's plane are on it: there the dipoles' potential is the mean of both sides.
+//
+// Cost, on a core with AVX-512 (AVX2), 250 panels and 48 columns: 2.2 us (2.9) a point, with gradients 6.3 us (7.4);
+// 500 panels: 4 us (5) and 12 us (14.5). A third of it is the product with the densities, at the rate of the processor.
 //
 // Const and safe to call from any number of threads. A point's row has the same bits whatever points are asked for
 // with it, with gradients and without, and on every processor.
@@ -15,8 +18,6 @@
 #include <array>
 #include <span>
 #include <vector>
-
-#include <hwy/aligned_allocator.h>
 
 #include "solve/boundary_data.h"
 #include "solve/density_groups.h"
@@ -42,7 +43,7 @@ class PanelSums {
   };
 
   // Replaces what `out` held by the first `columns` columns of every point (normalized frame). Points next to each
-  // other in space should be next to each other in the list: they share vectors.
+  // other in space should be next to each other in the list: they share vectors. In random order: 1.5 times the cost.
   void evaluate(std::span<const Vec<3>> points, Eigen::Index columns, bool gradients, Rows& out) const;
 
   size_t bytes() const;
@@ -54,11 +55,10 @@ class PanelSums {
   void evaluate_batch(std::span<const Vec<3>> points, size_t first, bool gradients, Workspace& work, Rows& out) const;
 
   Eigen::Index column_count_, basis_count_;
-  size_t stride_;  // of the densities' rows
+  std::vector<SumLine> densities_;  // by point of a panel, columns rounded up to whole lines
   std::vector<SumPoints> points_;
   std::vector<SumTriangle<float>> triangles_;
   std::vector<SumTriangle<double>> exact_triangles_;
-  hwy::AlignedFreeUniquePtr<float[]> densities_;
   std::vector<std::array<std::array<float, 4>, 3>> shares_;
   std::vector<SumElement> elements_;
   std::vector<SumEntry> entries_;

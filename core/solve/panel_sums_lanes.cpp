@@ -145,100 +145,141 @@ HWY_INLINE V angle_of(D d, V y, V x) {
   return hn::IfThenElse(hn::Lt(x, hn::Zero(d)), hn::Sub(hn::Set(d, T(std::numbers::pi)), acute), acute);
 }
 
-// Keep quotients on an edge finite, in floats as well: squared lengths in diagonals, below those of points a
-// billionth off it, where potentials are still asked for.
-constexpr double kNearestCorner = 1e-20, kNearestEdge = 1e-20;
+// ln((sum + length) / (sum - length)) = 2 artanh(length / sum), relative error 2e-7 up to artanh = 2.1, and 1 / sum.
+// By the series, after a step or two along artanh: artanh(y) - artanh(t) = artanh((y - t) / (1 - y t)). One division.
+HWY_INLINE Floats log_of_sides(Floats length, Floats sum, Floats& reciprocal) {
+  const auto set = [](double value) HWY_ATTR { return hn::Set(kTag, static_cast<float>(value)); };
+  constexpr double kTanh1 = 0.39693043200507, kTanh2 = 0.68580906222909, kTanh3 = 0.85106410966794,
+                   kTanh4 = 0.93286155343703;  // of 0.42 k
+  const auto step = hn::Gt(length, hn::Mul(set(kTanh1), sum)), two_steps = hn::Gt(length, hn::Mul(set(kTanh3), sum));
+  const Floats back = hn::IfThenElse(two_steps, set(kTanh4), hn::IfThenElseZero(step, set(kTanh2)));
+  const Floats stepped = hn::IfThenElse(two_steps, set(8 * 0.42), hn::IfThenElseZero(step, set(4 * 0.42)));
+  const Floats above = hn::NegMulAdd(back, sum, length), below = hn::NegMulAdd(back, length, sum);
+  const Floats inverse = hn::Div(set(1.0), hn::Mul(sum, below));
+  reciprocal = hn::Mul(inverse, below);
+  const Floats z = hn::Mul(hn::Mul(above, sum), inverse), squared = hn::Mul(z, z);
+  Floats series = set(2.0 / 15);
+  for (int k = 13; k >= 1; k -= 2) series = hn::MulAdd(series, squared, set(2.0 / k));
+  return hn::MulAdd(series, z, stepped);
+}
+
+// Keep quotients on an edge finite, in floats as well: squared lengths in diagonals, below those of points a billionth
+// off it, where potentials are still asked for.
+constexpr double kNearestSquared = 1e-20;
 // In diagonals. Closer than this to a panel's plane is on it: that is what rounding leaves of points there.
 constexpr double kOnPlane = 1e-13;
 
-// The potential of panel_potential.h, with the same names, in forms that do with few logarithms and one angle: with a
-// and b the vectors to an edge's ends and q = |a| |b| + a . b,
-//   int dl / R = ln(1 + length (|a| + |b| + length) / q),  int dl / R^3 = length (|a| + |b|) / (|a| |b| q),
-// and for the solid angle [Van Oosterom and Strackee 1983]. `x`: from the panel's centre.
+// Integrals along an edge, with the names of panel_potential.cpp.
+template <class V>
+struct Edge {
+  V distance, inverse, first, radial, cube;
+  V product;  // of the vectors to its ends
+  V turn;     // 1 / near - 1 / far
+};
+
+// With q = near far + product,
+//   int dl / R = ln(1 + length (near + far + length) / q),  int dl / R^3 = length (near + far) / (near far q).
+// In doubles the point may be next to the edge, or on it.
+template <bool kGradients, class D, class V, class T = hn::TFromD<D>>
+HWY_INLINE Edge<V> edge_integrals(D d, const SumTriangle<T>& panel, size_t e, const Lanes3<V>& x, V height, V near,
+                                  V far) {
+  const auto set = [&](double value) HWY_ATTR { return hn::Set(d, static_cast<T>(value)); };
+  Edge<V> edge;
+  const V length = hn::Set(d, panel.length[e]);
+  const V start = hn::Sub(hn::Set(d, panel.start[e]), dot(all(d, panel.along[e]), x)), end = hn::Add(start, length);
+  edge.distance = hn::Sub(hn::Set(d, panel.distance[e]), dot(all(d, panel.outward[e]), x));
+  const V line_squared = hn::MulAdd(edge.distance, edge.distance, hn::Mul(height, height));
+  edge.product = hn::MulAdd(start, end, line_squared);
+  const V both = hn::Mul(near, far), sum = hn::Add(near, far);
+  V q = hn::Add(both, edge.product), reciprocal;  // of the sum
+  if constexpr (sizeof(T) == sizeof(double)) {
+    // Beside the edge q would cancel; times the difference of the same two it is the square of their cross product.
+    const V beside = hn::Div(hn::Mul(hn::Mul(length, length), line_squared), hn::Sub(both, edge.product));
+    q = hn::Max(hn::IfThenElse(hn::Lt(edge.product, hn::Zero(d)), beside, q), set(kNearestSquared));
+    edge.inverse = hn::Log1p(d, hn::Div(hn::Mul(length, hn::Add(sum, length)), q));
+    reciprocal = hn::Div(set(1.0), sum);
+  } else {
+    edge.inverse = log_of_sides(length, sum, reciprocal);
+  }
+  const V middle = hn::Add(start, end);
+  edge.first = hn::Mul(hn::Mul(length, middle), reciprocal);             // far - near
+  const V twice = hn::MulAdd(edge.first, middle, hn::Mul(length, sum));  // end far - start near, without cancellation
+  edge.radial = hn::MulAdd(hn::Mul(set(0.5), line_squared), edge.inverse, hn::Mul(set(0.25), twice));
+  if constexpr (kGradients) {
+    const V inverse_both = hn::Div(set(1.0), both);
+    edge.turn = hn::Mul(edge.first, inverse_both);
+    edge.cube = hn::Mul(hn::Div(hn::Mul(length, sum), q), inverse_both);
+  }
+  return edge;
+}
+
+// Gradients of the three functions' potentials, from these and what they were made of; `value`: of the functions.
+template <class D, class V, class T = hn::TFromD<D>>
+HWY_INLINE void exact_gradients(D d, const SumTriangle<T>& panel, V height, V potential, V signed_angle,
+                                const V (&value)[3], const Edge<V> (&edges)[3], Kernels<true, V>& out) {
+  const Lanes3<V> normal = all(d, panel.normal);
+  Lanes3<V> angle_slope{hn::Zero(d), hn::Zero(d), hn::Zero(d)}, inverse_slope[3];  // of height times inverse
+  for (size_t e = 0; e < 3; ++e) {
+    const Edge<V>& edge = edges[e];
+    const Lanes3<V> outward = all(d, panel.outward[e]);
+    angle_slope = mul_sub(mul_add(outward, height, normal * edge.distance), edge.cube, angle_slope);
+    const Lanes3<V> slope =
+        mul_add(mul_sub(normal, height, outward * edge.distance), edge.cube, all(d, panel.along[e]) * edge.turn);
+    inverse_slope[e] = mul_add(slope, height, normal * edge.inverse);
+  }
+  for (size_t k = 0; k < 3; ++k) {
+    const Lanes3<V> slope = all(d, panel.slope[k]);
+    Lanes3<V> gradient = mul_sub(normal, out.dipole[0][k], slope * potential);
+    Lanes3<V> dipole_gradient = mul_add(angle_slope, value[k], slope * signed_angle);
+    for (size_t e = 0; e < 3; ++e) {
+      const Edge<V>& edge = edges[e];
+      const V across = hn::Set(d, panel.across[k][e]);
+      const V share = hn::MulAdd(hn::MulAdd(edge.distance, across, value[k]), edge.inverse,
+                                 hn::Mul(hn::Set(d, panel.alongside[k][e]), edge.first));
+      gradient = mul_sub(all(d, panel.outward[e]), share, gradient);
+      dipole_gradient = mul_sub(inverse_slope[e], across, dipole_gradient);
+    }
+    out.set_gradient(out.charge, k, gradient);
+    out.set_gradient(out.dipole, k, dipole_gradient);
+  }
+}
+
+// exact_potential in vectors, with one angle instead of six: the solid angle is that of Van Oosterom and Strackee
+// [1983]. `x`: from the panel's centre.
 template <bool kGradients, class D, class V, class T = hn::TFromD<D>>
 HWY_INLINE void exact(D d, const SumTriangle<T>& panel, const Lanes3<V>& x, Kernels<kGradients, V>& out) {
-  constexpr bool kOnIt = sizeof(T) == sizeof(double);  // floats never come near its edges
   const auto set = [&](double value) HWY_ATTR { return hn::Set(d, static_cast<T>(value)); };
-  const Lanes3<V> normal = all(d, panel.normal);
-  V height = dot(normal, x);
-  if constexpr (kOnIt) height = hn::IfThenZeroElse(hn::Lt(hn::Abs(height), set(kOnPlane)), height);
-  const V size = hn::Abs(height);
-
-  V reach[3];  // |a|
-  for (size_t e = 0; e < 3; ++e) {
-    const Lanes3<V> to = all(d, panel.corner[e]) - x;
-    reach[e] = hn::Sqrt(hn::Max(dot(to, to), set(kNearestCorner)));
+  V height = dot(all(d, panel.normal), x);
+  height = hn::IfThenZeroElse(hn::Lt(hn::Abs(height), set(kOnPlane)), height);
+  V reach[3];  // of the corners
+  for (size_t c = 0; c < 3; ++c) {
+    const Lanes3<V> to = all(d, panel.corner[c]) - x;
+    reach[c] = hn::Sqrt(hn::Max(dot(to, to), set(kNearestSquared)));
   }
-  V line[3], product[3], inverse[3], first[3], radial[3], cube[3], inverse_product[3];
+  Edge<V> edges[3];
   V potential = hn::Zero(d), below = hn::Mul(hn::Mul(reach[0], reach[1]), reach[2]);
   for (size_t e = 0; e < 3; ++e) {
-    const V near = reach[e], far = reach[(e + 1) % 3], length = hn::Set(d, panel.length[e]);
-    const V start = hn::Sub(hn::Set(d, panel.start[e]), dot(all(d, panel.along[e]), x));
-    const V end = hn::Add(start, length);
-    line[e] = hn::Sub(hn::Set(d, panel.distance[e]), dot(all(d, panel.outward[e]), x));
-    const V line_squared = hn::MulAdd(line[e], line[e], hn::Mul(height, height));
-    product[e] = hn::MulAdd(start, end, line_squared);  // a . b
-    const V both = hn::Mul(near, far), sum = hn::Add(near, far), reached = hn::Add(sum, length);
-    V q = hn::Add(both, product[e]);
-    if constexpr (kOnIt) {
-      // Beside the edge the two would cancel; |a x b|^2 is the difference of their squares.
-      const V beside = hn::Div(hn::Mul(hn::Mul(length, length), line_squared), hn::Sub(both, product[e]));
-      q = hn::IfThenElse(hn::Lt(product[e], hn::Zero(d)), beside, q);
-      q = hn::Max(q, set(kNearestEdge));
-    }
-    inverse[e] = hn::Log1p(d, hn::Div(hn::Mul(length, reached), q));
-    const V middle = hn::Add(start, end);
-    first[e] = hn::Div(hn::Mul(length, middle), sum);
-    const V along = hn::MulAdd(first[e], middle, hn::Mul(length, sum));  // twice end |b| - start |a|
-    radial[e] = hn::MulAdd(hn::Mul(set(0.5), line_squared), inverse[e], hn::Mul(set(0.25), along));
-    potential = hn::MulAdd(line[e], inverse[e], potential);
-    below = hn::MulAdd(product[e], reach[(e + 2) % 3], below);
-    if constexpr (kGradients) {
-      inverse_product[e] = hn::Div(set(1.0), both);
-      cube[e] = hn::Mul(hn::Div(hn::Mul(length, sum), q), inverse_product[e]);
-    }
+    edges[e] = edge_integrals<kGradients>(d, panel, e, x, height, reach[e], reach[(e + 1) % 3]);
+    potential = hn::MulAdd(edges[e].distance, edges[e].inverse, potential);
+    below = hn::MulAdd(edges[e].product, reach[(e + 2) % 3], below);
   }
-  const V above = hn::Mul(hn::Add(hn::Set(d, panel.area), hn::Set(d, panel.area)), size);
-  const V solid_angle = hn::Mul(set(2.0), angle_of(d, above, below));
-  potential = hn::NegMulAdd(size, solid_angle, potential);
-  const V signed_angle = hn::IfThenZeroElse(hn::Eq(height, hn::Zero(d)), hn::CopySign(solid_angle, height));
-
+  const V size = hn::Abs(height);
+  const V angle = hn::Mul(set(2.0), angle_of(d, hn::Mul(set(2.0 * panel.area), size), below));
+  potential = hn::NegMulAdd(size, angle, potential);
+  const V signed_angle = hn::IfThenZeroElse(hn::Eq(height, hn::Zero(d)), hn::CopySign(angle, height));
   V value[3];  // of the functions, beyond the panel too
   for (size_t k = 0; k < 3; ++k) {
     value[k] = hn::Add(set(1 / 3.0), dot(all(d, panel.slope[k]), x));
     V charge = hn::Mul(value[k], potential), steep = hn::Zero(d);
     for (size_t e = 0; e < 3; ++e) {
       const V across = hn::Set(d, panel.across[k][e]);
-      charge = hn::MulAdd(across, radial[e], charge);
-      steep = hn::MulAdd(across, inverse[e], steep);
+      charge = hn::MulAdd(across, edges[e].radial, charge);
+      steep = hn::MulAdd(across, edges[e].inverse, steep);
     }
     out.charge[0][k] = charge;
     out.dipole[0][k] = hn::NegMulAdd(height, steep, hn::Mul(value[k], signed_angle));
   }
-  if constexpr (kGradients) {
-    Lanes3<V> angle_slope{hn::Zero(d), hn::Zero(d), hn::Zero(d)}, turned[3];
-    for (size_t e = 0; e < 3; ++e) {
-      const Lanes3<V> outward = all(d, panel.outward[e]);
-      angle_slope = mul_sub(mul_add(outward, height, normal * line[e]), cube[e], angle_slope);
-      const Lanes3<V> slope = mul_add(mul_sub(normal, height, outward * line[e]), cube[e],
-                                      all(d, panel.along[e]) * hn::Mul(first[e], inverse_product[e]));
-      turned[e] = mul_add(slope, height, normal * inverse[e]);
-    }
-    for (size_t k = 0; k < 3; ++k) {
-      const Lanes3<V> slope = all(d, panel.slope[k]);
-      Lanes3<V> gradient = mul_sub(normal, out.dipole[0][k], slope * potential);
-      Lanes3<V> dipole_gradient = mul_add(angle_slope, value[k], slope * signed_angle);
-      for (size_t e = 0; e < 3; ++e) {
-        const V across = hn::Set(d, panel.across[k][e]);
-        const V share = hn::MulAdd(hn::MulAdd(line[e], across, value[k]), inverse[e],
-                                   hn::Mul(hn::Set(d, panel.alongside[k][e]), first[e]));
-        gradient = mul_sub(all(d, panel.outward[e]), share, gradient);
-        dipole_gradient = mul_sub(turned[e], across, dipole_gradient);
-      }
-      out.set_gradient(out.charge, k, gradient);
-      out.set_gradient(out.dipole, k, dipole_gradient);
-    }
-  }
+  if constexpr (kGradients) exact_gradients(d, panel, height, potential, signed_angle, value, edges, out);
 }
 
 template <bool kGradients>
@@ -277,21 +318,25 @@ HWY_INLINE void evaluate_panel(const SumTables& tables, size_t p, const SumBatch
                           hn::Load(kTag, batch.x[2] + lane)};
   const Lanes3<Floats> x = at - all(kTag, panel.centre);
   const Floats squared = dot(x, x);
-  three_points(panel, x, out);
   const auto within = [&](float limit) HWY_ATTR { return hn::Lt(squared, hn::Set(kTag, limit)); };
-  if (hn::AllFalse(kTag, within(panel.three_point_squared))) return;
-  FloatKernels<kGradients> near;
-  const auto annulus = hn::AndNot(within(panel.seven_point_squared), within(panel.three_point_squared));
-  if (!hn::AllFalse(kTag, annulus)) {
-    seven_points(panel, x, near);
-    replace(annulus, near, out);
+  const auto any = [](hn::Mask<Tag> mask) HWY_ATTR { return !hn::AllFalse(kTag, mask); };
+  const auto far = hn::Not(within(panel.three_point_squared)), near = within(panel.seven_point_squared),
+             beside = within(panel.exact_squared);
+  if (any(far)) three_points(panel, x, out);
+  if (hn::AllTrue(kTag, far)) return;
+  FloatKernels<kGradients> closer;
+  if (any(hn::Not(hn::Or(far, near)))) {
+    seven_points(panel, x, closer);
+    replace(hn::Not(far), closer, out);
   }
-  if (hn::AllFalse(kTag, within(panel.seven_point_squared))) return;
-  exact_in_floats(tables.triangles[p], x, near);
-  replace(within(panel.seven_point_squared), near, out);
-  if (hn::AllFalse(kTag, within(panel.exact_squared))) return;
-  exact_in_doubles(tables.exact_triangles[p], batch, lane, near);
-  replace(within(panel.exact_squared), near, out);
+  if (!any(near)) return;
+  if (any(hn::AndNot(beside, near))) {
+    exact_in_floats(tables.triangles[p], x, closer);
+    replace(near, closer, out);
+  }
+  if (!any(beside)) return;
+  exact_in_doubles(tables.exact_triangles[p], batch, lane, closer);
+  replace(beside, closer, out);
 }
 
 // Dipoles as shares of the corners of the panel's element.

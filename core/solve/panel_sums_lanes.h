@@ -17,6 +17,11 @@ inline constexpr size_t kSumPanels = 32;
 // Columns come in multiples of this, and points are rounded up to it.
 inline constexpr size_t kSumLanes = 16;
 
+// Makes arrays of floats aligned.
+struct alignas(64) SumLine {
+  std::array<float, kSumLanes> lane;
+};
+
 // A panel as points, about its centre.
 struct SumPoints {
   std::array<float, 3> centre, normal;

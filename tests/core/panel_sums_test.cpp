@@ -9,7 +9,7 @@
 #include <random>
 
 #include "solve/panel_kernels.h"
-#include "support/rows.h"
+#include "support/shapes.h"
 
 namespace barycast {
 namespace {
@@ -21,18 +21,17 @@ struct Case {
   Shape shape;
   uint32_t panels;
   bool moments, dipoles;
+  bool exact_heights = false;  // points on its edges lie on the panels' planes in spite of rounding
 };
 void PrintTo(const Case& some, std::ostream* out) {
   *out << some.name;
 }
 
 std::vector<Case> cases() {
-  return {{"tetrahedron", testing::tetrahedron(), 60, false, true},
-          {"box", testing::box(), 120, false, true},
-          {"mixed_prism", testing::mixed_prism(), 150, false, true},
-          {"bent_prism", testing::bent_prism(), 100, true, false},
-          {"open_box", testing::open_box(), 90, true, false},
-          {"soup", testing::soup(), 48, true, false}};
+  return {
+      {"tetrahedron", testing::tetrahedron(), 60, false, true}, {"box", testing::box(), 120, false, true, true},
+      {"mixed_prism", testing::mixed_prism(), 150, true, true}, {"bent_prism", testing::bent_prism(), 100, true, false},
+      {"open_box", testing::open_box(), 90, true, false},       {"soup", testing::soup(), 48, true, false}};
 }
 
 class PanelSumsOf : public ::testing::TestWithParam<Case> {
@@ -44,16 +43,15 @@ class PanelSumsOf : public ::testing::TestWithParam<Case> {
   };
 
   const Case& some_ = GetParam();
-  std::shared_ptr<const CageIndex> index_ = testing::make_index(some_.shape);
-  const Cage<3>& cage_ = std::get<std::unique_ptr<const CageStructures<3>>>(index_->structures())->cage;
+  const Cage<3> cage_ = *Cage<3>::create(some_.shape.input());
   PanelKernels kernels_{*Panels::cut(cage_, some_.panels)};
   BoundaryData data_{cage_, some_.moments};
   DoubleLayer dipoles_{cage_, kernels_.panels(), data_};
-  // Smooth for the most part, with jumps between panels, as solved ones are.
+  // Rougher than solved ones.
   DensityGroups densities_ = [this] {
     std::mt19937 random(1);
     std::uniform_real_distribution<double> uniform(-1, 1);
-    DensityGroups groups(DensityColumn::groups(data_));
+    DensityGroups groups(some_.dipoles ? DensityColumn::groups(data_.basis_count()) : DensityColumn::groups(data_));
     for (auto& group : groups) {
       group.resize(kernels_.point_count(), kDensityGroup);
       for (double& density : group.reshaped()) density = uniform(random);
@@ -73,8 +71,8 @@ class PanelSumsOf : public ::testing::TestWithParam<Case> {
   Expected in_doubles(const Vec<3>& x) const {
     PanelKernels::Tables tables(kernels_.point_count());
     kernels_.fill(x, 0, true, true, tables);
-    Expected expected{DoubleLayer::Rows::Zero(4, data_.count()), 0.0};
-    for (Eigen::Index column = 0; column < data_.count(); ++column) {
+    Expected expected{DoubleLayer::Rows::Zero(4, sums_.column_count()), 0.0};
+    for (Eigen::Index column = 0; column < sums_.column_count(); ++column) {
       const DensityColumn at(column, data_);
       expected.rows.col(column) = tables.charges * densities_[at.group].col(at.lane);
     }
@@ -109,7 +107,8 @@ TEST_P(PanelSumsOf, AreThoseInDoubles) {
     expected.push_back(in_doubles(x));
     squares += expected.back().rows.bottomRows<3>().squaredNorm();
   }
-  const double rms = std::sqrt(squares / static_cast<double>(points.size() * static_cast<size_t>(data_.count())));
+  const double rms =
+      std::sqrt(squares / static_cast<double>(points.size() * static_cast<size_t>(sums_.column_count())));
   for (size_t i = 0; i < points.size(); ++i) {
     const auto at = static_cast<Eigen::Index>(i);
     const auto error = [&](const PanelSums::Rows::Table& table, Eigen::Index row) {
@@ -150,20 +149,19 @@ TEST_P(PanelSumsOf, OnEdgesAreFinite) {
       points.push_back((1 - along) * panels()[p].corner[0] + along * panels()[p].corner[1]);
   const PanelSums::Rows rows = evaluate(points, true);
   for (const auto& partial : rows.gradients) EXPECT_TRUE(partial.allFinite());
-  // A single layer is continuous. Dipoles across an edge are as well but for the angle that the cage makes there, and
-  // that is a matter of rounding.
   EXPECT_TRUE(rows.values.allFinite());
-  for (size_t i = 0; i < points.size() && !some_.dipoles; ++i)
-    EXPECT_LT((rows.values.row(static_cast<Eigen::Index>(i)).cast<double>() - in_doubles(points[i]).rows.row(0))
-                  .cwiseAbs()
-                  .maxCoeff(),
-              1e-5);
+  // Single layers are continuous; what dipoles are on an edge of the cage is else a matter of rounding.
+  if (some_.dipoles && !some_.exact_heights) return;
+  for (size_t i = 0; i < points.size(); ++i) {
+    const auto row = rows.values.row(static_cast<Eigen::Index>(i)).cast<double>();
+    EXPECT_LT((row - in_doubles(points[i]).rows.row(0)).cwiseAbs().maxCoeff(), 1e-5) << points[i].transpose();
+  }
 }
 
 bool same(const PanelSums::Rows& all, size_t first, const PanelSums::Rows& some) {
   const auto begin = static_cast<Eigen::Index>(first);
   bool result = all.values.middleRows(begin, some.values.rows()) == some.values;
-  for (size_t k = 0; k < 3; ++k)
+  for (size_t k = 0; k < 3 && some.gradients[k].size() > 0; ++k)
     result &= all.gradients[k].middleRows(begin, some.gradients[k].rows()) == some.gradients[k];
   for (size_t i = 0; i < some.enclosed.size(); ++i) result &= all.enclosed[first + i] == some.enclosed[i];
   return result;
