@@ -8,9 +8,10 @@ namespace barycast {
 namespace {
 
 // Distances, in radii of a panel, from which three points stand for it, from which seven do, and from which floats will
-// do for its exact potential.
+// do for its exact potential. Nearer than PanelKernels has them: floats round exact potentials by more than the rules
+// are off by. Eight radii instead of ten save 1 to 12% and take densities that jump wildly beyond 1e-5.
 constexpr double kThreePointRadii = 10.0;
-constexpr double kSevenPointRadii = 5.0;
+constexpr double kSevenPointRadii = 4.0;
 constexpr double kFloatRadii = 1.25;
 
 size_t rounded_up(size_t count) {

@@ -5,12 +5,15 @@
 // BoundaryField does near the cage and outside of it.
 //
 // Far panels are three points, nearer ones seven, and near ones exact, in floats or, next to the panel, in doubles.
-// Values are within 1e-5 of those in doubles, gradients within a thousandth of their RMS over the cage; nearer to an
-// edge of a panel than a thousandth of it they lose digits with the distance, and on it they are large but finite.
-// Points within 1e-13 diagonals of a panel's plane are on it: there the dipoles' potential is the mean of both sides.
+// Values are within 1e-5 of those in doubles: what is left is rounding in floats at two to four radii, some millionths
+// of a panel's radius times its density (1.5e-5 where densities are four on 250 panels, as of FireHydrant's cage
+// without dipoles). Gradients are within a thousandth of their RMS over the cage; nearer to an edge of a panel than a
+// thousandth of its size they lose digits with the distance, and on it they are large but finite. Points within 1e-13
+// diagonals of a panel's plane are on it: there the dipoles' potential is the mean of both sides.
 //
-// Cost, on a core with AVX-512 (AVX2), 250 panels and 48 columns: 2.2 us (2.9) a point, with gradients 6.3 us (7.4);
-// 500 panels: 4 us (5) and 12 us (14.5). A third of it is the product with the densities, at the rate of the processor.
+// Cost, on a core with AVX-512 (AVX2), 250 panels and 48 columns: 2.2 us (2.9) a point, with gradients 6.4 us (7.6);
+// 500 panels: 3.8 us (4.7) and 12 us (14.5). A third of it is the product with the densities, at the rate of the
+// processor.
 //
 // Const and safe to call from any number of threads. A point's row has the same bits whatever points are asked for
 // with it, with gradients and without, and on every processor.
