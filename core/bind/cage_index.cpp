@@ -32,6 +32,19 @@ Status check_estimator_of(const CageInput& input, const ResolvedOptions& options
   return cage ? check_estimator(*cage, options) : Status(cage.error());
 }
 
+bool is_closed_of(const Cage<2>&) {
+  return true;  // nobody asks
+}
+bool is_closed_of(const Cage<3>& cage) {
+  return is_closed(cage);
+}
+
+template <int D>
+Result<bool> is_closed_of(const CageInput& input) {
+  const auto cage = Cage<D>::create(input);
+  return cage ? Result<bool>(is_closed_of(*cage)) : Result<bool>(cage.error());
+}
+
 Status check_dimension(const CageInput& input) {
   if (input.dimension == 2 || input.dimension == 3) return Done{};
   return invalid_argument("cage.control_vertices", "must have 2 or 3 columns, has " + std::to_string(input.dimension));
@@ -152,6 +165,29 @@ uint32_t CageIndex::control_vertex_count() const {
 
 uint32_t CageIndex::stencil_max() const {
   return std::visit([](const auto& s) { return s->cage.stencil_max(); }, structures_);
+}
+
+size_t CageIndex::element_count() const {
+  return std::visit([](const auto& s) { return s->cage.elements().size(); }, structures_);
+}
+
+size_t CageIndex::triangle_count() const {
+  size_t count = element_count();
+  std::visit(
+      [&](const auto& s) {
+        for (const Element& element : s->cage.elements()) count += element.kind == ElementKind::kQuad ? 1 : 0;
+      },
+      structures_);
+  return count;
+}
+
+bool CageIndex::is_closed() const {
+  return std::visit([](const auto& s) { return is_closed_of(s->cage); }, structures_);
+}
+
+Result<bool> CageIndex::is_closed(const CageInput& input) {
+  if (Status known = check_dimension(input); !known) return known.error();
+  return input.dimension == 2 ? is_closed_of<2>(input) : is_closed_of<3>(input);
 }
 
 std::span<const Warning> CageIndex::warnings() const {

@@ -81,6 +81,12 @@ class CageIndex {
   const CageDigest& digest() const { return digest_; }
   uint32_t control_vertex_count() const;
   uint32_t stencil_max() const;
+  size_t element_count() const;
+  size_t triangle_count() const;  // a quad is two
+  // Whether the elements bound a volume (solve/closed.h). Not kept: microseconds for each of them.
+  bool is_closed() const;
+  // The same of a cage without its index. Errors: those of `check`.
+  static Result<bool> is_closed(const CageInput& input);
   std::span<const Warning> warnings() const;
   size_t bytes() const;  // memory held now, for the cache's bound
 

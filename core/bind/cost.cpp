@@ -8,10 +8,12 @@
 #include "base/tolerances.h"
 #include "bind/block_builder.h"
 #include "bind/quantum.h"
+#include "estimate/corrected_estimator.h"
 #include "estimate/point_estimator.h"
 #include "estimate/row.h"
 #include "smooth/smoother.h"
 #include "solve/boundary_elements.h"
+#include "solve/prediction.h"
 
 namespace barycast {
 namespace {
@@ -109,6 +111,7 @@ class Model {
     const double mesh = faces > 0 ? grown(points_) * sizeof(Vec<3>) + 4.0 * faces + 4.0 * grown(corners) : 0.0;
     // While positions are looked up: their names' nodes and buckets, and the slack of the list of nodes.
     const double names = points_ * 40.0 + (grown(points_) - points_) * kPosition;
+    if (options_.estimator == Estimator::kPredicted) return predicted_peak(input, set, mesh, names);
     if (options_.estimator != Estimator::kSampling)
       return constant() +
              std::max({input + set + mesh + names, set + solving(), set + solved() + block(data_.entries)});
@@ -170,6 +173,44 @@ class Model {
     const auto with = static_cast<double>(bytes({options_.panels, BoundarySides::kBoth}, size_.control_vertices));
     const auto without = static_cast<double>(bytes({options_.panels, BoundarySides::kInside}, size_.control_vertices));
     return data_.exact ? with : without + (with - without) / 3;
+  }
+
+  // With predictions: one is made before there is anything else, a second one, if points need it, when all are there.
+  double predicted_peak(double input, double set, double mesh, double names) const {
+    const auto bytes = [&](BoundarySides side) { return static_cast<double>(HarmonicPrediction::bytes(cage(), side)); };
+    const auto solving = [&](BoundarySides side) {
+      return static_cast<double>(HarmonicPrediction::solving_bytes(cage(), side));
+    };
+    const auto first = size_.closed ? BoundarySides::kInside : BoundarySides::kElsewhere;
+    const bool both = size_.closed && data_.exact;
+    double kept = bytes(first), made = input + solving(first);
+    if (both) {
+      made = std::max(made, input + set + mesh + kept + solving(BoundarySides::kElsewhere));
+      kept += bytes(BoundarySides::kElsewhere);
+    }
+    const double before = std::max(made, input + set + mesh + names + kept);
+    const double constant = predicted_constant(both || !size_.closed);
+    if (options_.denoise != Denoise::kMesh) return constant + std::max(before, set + kept + block(data_.entries));
+    const double held = kept + set + mesh + points_ * (sizeof(CorrectedPoint) + sizeof(float) * vertices());
+    return constant + std::max({before, input + held, held + points_ * sizeof(double) + factorization(),
+                                held + kernel() + correction_columns(), held + kernel() + block(data_.entries)});
+  }
+  // A block of corrections for every thread.
+  double correction_columns() const {
+    const double groups = std::ceil(vertices() / static_cast<double>(HeatKernel::kColumns));
+    return points_ * HeatKernel::kColumns * sizeof(float) * std::min(static_cast<double>(size_.threads), groups);
+  }
+  HarmonicPrediction::CageSize cage() const { return {size_.elements, size_.triangles, size_.control_vertices}; }
+  // Of every thread: points of a task with their samples, predictions and corrections, and walks.
+  double predicted_constant(bool elsewhere) const {
+    constexpr size_t kTask = 64;  // twice that of a binding: nodes of a table while one is made
+    const size_t count = size_.control_vertices, columns = elsewhere ? 4 * count + 6 : count;
+    const double samples = options_.samples * (0.5 * kTask * sizeof(Sample<D>) + kWalk);
+    const double points = kTask * (sizeof(CorrectedPoint) + sizeof(float) * vertices());
+    const double rows =
+        4.0 * sizeof(double) * static_cast<double>(columns) + 2.0 * grown(vertices()) * sizeof(RowEntry<D>);
+    const auto sums = static_cast<double>(PanelSums::evaluation_bytes(kTask, columns, count, options_.gradients));
+    return 32'000.0 + static_cast<double>(size_.threads) * (samples + points + rows + sums + 12'000.0);
   }
 
   double factorization() const {

@@ -7,7 +7,9 @@
 // things depend on the data: how many control vertices a row touches, and how far the factor of the
 // smoothing matrix fills in. The estimate takes what points in and around the cage and meshes that are
 // surfaces show (measured: tests/core/cost_test.cpp, within 25 %); the bound takes the worst of the first,
-// all that samples could touch, twice the fill of a surface, and a tenth more of everything.
+// all that samples could touch, twice the fill of a surface, and a tenth more of everything. Of a prediction, which is
+// made where the cage's index does not hold it yet, the estimate takes one: for the inside of a closed cage; the bound
+// takes the other as well, for points outside.
 
 #include <cstdint>
 
@@ -16,11 +18,15 @@
 namespace barycast {
 
 // How large a binding would be. `stencil_max`: most control vertices behind one point of the cage, 4 unless
-// it has larger polygons.
+// it has larger polygons. Of the cage, predictions alone ask for elements, triangles (a quad is two) and whether it is
+// closed.
 struct BindingSize {
   int dimension = 3;
   uint64_t control_vertices = 0;
   uint64_t stencil_max = 4;
+  uint64_t elements = 1;
+  uint64_t triangles = 1;
+  bool closed = true;
   uint64_t points = 0;
   uint64_t faces = 0;
   uint64_t face_corners = 0;
@@ -28,7 +34,8 @@ struct BindingSize {
   uint64_t threads = 1;
 };
 
-// Peak of a binding's working memory, from its query input to its last block of rows; not the cage's index.
+// Peak of a binding's working memory, from its query input to its last block of rows; not the cage's index,
+// but for a prediction.
 uint64_t estimate_memory_bytes(const BindingSize& size, const ResolvedOptions& options);
 // At least what it will use, for admission; where faces connect the points in no surface-like way the factor
 // has a bound of its own, see smooth/heat.h.

@@ -54,7 +54,7 @@ Status check_panels(const Options& options) {
 
 Result<ResolvedOptions> resolve(const Options& options, bool queries_have_faces) {
   const bool paper = options.preset == Preset::kPaper, predicted = options.estimator == Estimator::kPredicted;
-  const bool sampling = predicted || options.estimator == Estimator::kSampling;
+  const bool sampling = takes_samples(options.estimator);
   if (const Status known = check_panels(options); !known) return known.error();
   if (predicted && (paper || options.coordinates != CoordinateKind::kHarmonic))
     return invalid_argument("estimator", paper ? "the paper's preset predicts nothing; leave one out"

@@ -15,13 +15,17 @@ inline constexpr uint32_t kNumericsVersion = 11;
 
 enum class CoordinateKind { kHarmonic, kMeanValue, kPositiveMeanValue };
 enum class Preset { kDefault, kPaper };
-// How coordinates are found. Samples suit every cage; the others need none and refuse cages they cannot do.
+// How coordinates are found. Sampling suits every cage; the others refuse cages they cannot do.
 enum class Estimator {
   kSampling,
   kPredicted,        // harmonic, surface cages in space: walks correct a prediction (estimate/corrected_estimator.h)
   kBoundaryElement,  // harmonic, surface cages in space (solve/boundary_elements.h)
   kExact,            // mean value in closed form, closed triangle cages (solve/exact_mean_value.h)
 };
+// Walks or rays.
+constexpr bool takes_samples(Estimator estimator) {
+  return estimator == Estimator::kSampling || estimator == Estimator::kPredicted;
+}
 enum class Denoise { kAuto, kNone, kMesh };
 
 struct Options {
@@ -44,7 +48,7 @@ struct ResolvedOptions {
   CoordinateKind coordinates;
   Preset preset;
   Estimator estimator;
-  uint32_t samples;  // 0 without sampling
+  uint32_t samples;  // 0 without samples
   uint32_t panels;   // 0 without boundary elements
   uint64_t seed;
   Denoise denoise;  // kNone or kMesh

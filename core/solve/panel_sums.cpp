@@ -1,6 +1,7 @@
 #include "solve/panel_sums.h"
 
 #include <algorithm>
+#include <bit>
 
 #include "base/check.h"
 
@@ -165,6 +166,18 @@ size_t PanelSums::bytes() const {
          points_.size() * (sizeof(SumPoints) + sizeof(SumTriangle<float>) + sizeof(SumTriangle<double>)) +
          densities_.size() * sizeof(SumLine) + shares_.size() * sizeof(shares_[0]) +
          elements_.size() * sizeof(SumElement) + entries_.size() * sizeof(SumEntry);
+}
+
+size_t PanelSums::bytes(size_t panels, size_t columns) {
+  // The lists grow by doubling.
+  const size_t lists = sizeof(SumPoints) + sizeof(SumTriangle<float>) + sizeof(SumTriangle<double>) +
+                       sizeof(std::array<std::array<float, 4>, 3>);
+  return std::bit_ceil(panels) * lists + 3 * panels * rounded_up(static_cast<Eigen::Index>(columns)) * sizeof(float);
+}
+
+size_t PanelSums::evaluation_bytes(size_t points, size_t columns, size_t basis, bool gradients) {
+  const size_t rows = gradients ? 4 : 1, lanes = kSumPoints * rounded_up(static_cast<Eigen::Index>(columns));
+  return rows * sizeof(float) * (points * columns + 3 * kSumPanels * kSumPoints + lanes + kSumPoints * (4 + basis));
 }
 
 void PanelSums::evaluate(std::span<const Vec<3>> points, Eigen::Index columns, bool gradients, Rows& out) const {

@@ -50,6 +50,9 @@ class PanelSums {
   void evaluate(std::span<const Vec<3>> points, Eigen::Index columns, bool gradients, Rows& out) const;
 
   size_t bytes() const;
+  // About the same for so many panels, with dipoles; and what a thread needs while it evaluates `points`.
+  static size_t bytes(size_t panels, size_t columns);
+  static size_t evaluation_bytes(size_t points, size_t columns, size_t basis, bool gradients);
 
  private:
   struct Workspace;

@@ -19,10 +19,21 @@ constexpr size_t kPanelsMost = 1000, kVerticesMost = 300;
 constexpr size_t kNodes = 12'000;
 constexpr size_t kNodesPerTask = 64;
 
-uint32_t panels_wanted(const Cage<3>& cage) {
-  size_t triangles = 0;
-  for (const Element& element : cage.elements()) triangles += element.kind == ElementKind::kQuad ? 2 : 1;
+uint32_t panels_wanted(size_t triangles) {
   return static_cast<uint32_t>(std::max(kPanelsLeast, kPanelsPerTriangle * triangles));
+}
+
+uint32_t panels_wanted(const Cage<3>& cage) {
+  return panels_wanted(HarmonicPrediction::size_of(cage).triangles);
+}
+
+HarmonicPrediction::CageSize within_limits(const HarmonicPrediction::CageSize& cage) {
+  return {std::clamp<size_t>(cage.elements, 1, kPanelsMost / kPanelsPerTriangle),
+          std::min(cage.triangles, kPanelsMost / kPanelsPerTriangle), std::min(cage.control_vertices, kVerticesMost)};
+}
+
+size_t columns_of(const HarmonicPrediction::CageSize& cage, BoundarySides side) {
+  return side == BoundarySides::kInside ? cage.control_vertices : 4 * cage.control_vertices + 6;
 }
 
 Vec<3> point_at(const Cage<3>& cage, const ResidualTable::Node& node) {
@@ -104,6 +115,24 @@ void HarmonicPrediction::evaluate(std::span<const Vec<3>> points, bool gradients
   for (size_t i = 0; i < points.size(); ++i)
     if (outside_part(double{out.enclosed[i]}) > 0.0)
       continue_beyond_panels(distance_.closest(points[i]), points[i], i, gradients, out);
+}
+
+HarmonicPrediction::CageSize HarmonicPrediction::size_of(const Cage<3>& cage) {
+  CageSize size{.elements = cage.elements().size(), .triangles = 0, .control_vertices = cage.used_vertices().size()};
+  for (const Element& element : cage.elements()) size.triangles += element.kind == ElementKind::kQuad ? 2 : 1;
+  return size;
+}
+
+size_t HarmonicPrediction::bytes(const CageSize& size, BoundarySides side) {
+  const CageSize cage = within_limits(size);
+  const size_t panels = panels_wanted(cage.triangles), columns = columns_of(cage, side);
+  return BoundarySolver::solved_bytes({.panels = static_cast<uint32_t>(panels), .sides = side}, cage.control_vertices) +
+         PanelSums::bytes(panels, columns) + ResidualTable::node_count(cage.elements, kNodes) * columns * sizeof(float);
+}
+
+size_t HarmonicPrediction::solving_bytes(const CageSize& size, BoundarySides side) {
+  const CageSize cage = within_limits(size);
+  return bytes(cage, side) + TiledCholesky::bytes(3 * static_cast<size_t>(panels_wanted(cage.triangles)));
 }
 
 size_t HarmonicPrediction::bytes() const {

@@ -47,6 +47,15 @@ class HarmonicPrediction {
 
   size_t bytes() const;
 
+  // The same for a cage that passes the check, from its size, as an estimate: what is kept, and the peak while it is
+  // made. A larger one counts as the largest that does. triangles: quads are two each.
+  struct CageSize {
+    size_t elements, triangles, control_vertices;
+  };
+  static CageSize size_of(const Cage<3>& cage);
+  static size_t bytes(const CageSize& cage, BoundarySides side);
+  static size_t solving_bytes(const CageSize& cage, BoundarySides side);
+
  private:
   HarmonicPrediction(const Cage<3>& cage, const DistanceIndex<3>& distance, BoundaryParts parts);
   bool has_dipoles() const { return !parts_.densities.inside.empty(); }

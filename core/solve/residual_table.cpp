@@ -17,11 +17,21 @@ std::array<double, 4> shares_at(bool quad, double u, double v) {
   return {1 - u, u * (1 - v), u * v, 0.0};
 }
 
+// Of the lattice of an element, along either parameter.
+size_t steps_of(size_t elements, size_t nodes) {
+  const double of_element = static_cast<double>(nodes) / static_cast<double>(elements);
+  return static_cast<size_t>(std::clamp(std::sqrt(of_element) - 1, kStepsLeast, kStepsMost));
+}
+
 }  // namespace
 
+size_t ResidualTable::node_count(size_t elements, size_t nodes) {
+  const size_t side = steps_of(elements, nodes) + 1;
+  return elements * side * side;
+}
+
 ResidualTable::ResidualTable(const Cage<3>& cage, size_t columns, size_t nodes) : cage_(cage), columns_(columns) {
-  const double of_element = static_cast<double>(nodes) / static_cast<double>(cage.elements().size());
-  const auto steps = static_cast<size_t>(std::clamp(std::sqrt(of_element) - 1, kStepsLeast, kStepsMost));
+  const size_t steps = steps_of(cage.elements().size(), nodes);
   for (size_t i = 0; i <= steps; ++i) {
     // Steps shrink in proportion to the distance from the border, as those of panels do.
     const double s = static_cast<double>(i) / static_cast<double>(steps);

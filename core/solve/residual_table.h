@@ -33,6 +33,8 @@ class ResidualTable {
   // Adds weight times the function's value at a point of the cage to the first sum.size() columns.
   void add(uint32_t element, const std::array<double, 4>& shares, double weight, std::span<double> sum) const;
 
+  // Nodes of a table for so many elements.
+  static size_t node_count(size_t elements, size_t nodes);
   size_t bytes() const { return rows_.capacity() * sizeof(float) + position_.capacity() * sizeof(double); }
 
  private:

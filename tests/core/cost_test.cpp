@@ -56,6 +56,9 @@ BindingSize size_of(const CageIndex& index, const QueryInput& queries) {
   return {.dimension = 3,
           .control_vertices = index.control_vertex_count(),
           .stencil_max = index.stencil_max(),
+          .elements = index.element_count(),
+          .triangles = index.triangle_count(),
+          .closed = index.is_closed(),
           .points = queries.points.size() / 3,
           .faces = queries.face_offsets.empty() ? 0 : queries.face_offsets.size() - 1,
           .face_corners = queries.face_corners.size(),
@@ -121,6 +124,13 @@ Options solved(Estimator estimator, uint32_t panels) {
   return options;
 }
 
+Options predicted(bool gradients) {
+  Options options;
+  options.estimator = Estimator::kPredicted;
+  options.gradients = gradients;
+  return options;
+}
+
 struct Case {
   const char* name;
   Shape cage;
@@ -155,6 +165,11 @@ std::vector<Case> cases() {
       {"1k loose, open, 500 panels", testing::open_box(), loose(1000), solved(Estimator::kBoundaryElement, 500)},
       {"10k loose, box, 1000 panels", testing::box(), loose(10'000), solved(Estimator::kBoundaryElement, 1000)},
       {"10k loose, 62, exact", testing::triangulated(vertices(6)), loose(10'000), solved(Estimator::kExact, 0)},
+      {"10k loose, 62, predicted", vertices(6), loose(10'000), predicted(true)},
+      {"100k loose, open, predicted", testing::open_box(), loose(100'000), predicted(false)},
+      {"3k ball, 114, predicted", vertices(8), ball(40), predicted(true)},
+      {"14k ball, 146, predicted", vertices(9), ball(85), predicted(false)},
+      {"40k triangles, box, predicted", testing::box(), sheet(200, true), predicted(true)},
       {"40k triangles, box", testing::box(), sheet(200, true), choices(20, true, 0)},
   };
 }
@@ -168,7 +183,7 @@ TEST(Cost, EstimateIsWithinAQuarterOfThePeak) {
     const auto peak = static_cast<double>(measured.peak);
     const double ratio = static_cast<double>(estimate_memory_bytes(size, options)) / peak;
     const double bound = static_cast<double>(bound_memory_bytes(size, options)) / peak;
-    std::printf("%-28s peak %8.2f MB, estimate %.2f, bound %.2f of it; entries %.2f\n", c.name, peak / 1e6, ratio,
+    std::printf("%-30s peak %8.2f MB, estimate %.2f, bound %.2f of it; entries %.2f\n", c.name, peak / 1e6, ratio,
                 bound, static_cast<double>(estimate_entries(size, options)) / static_cast<double>(measured.entries));
     EXPECT_NEAR(ratio, 1.0, 0.25) << c.name;
     EXPECT_GE(bound, 1.0) << c.name << ": admission would let memory run out";
@@ -193,6 +208,17 @@ TEST(Cost, BoundHoldsForFewPointsOfManyVertices) {
         EXPECT_GE(bound_memory_bytes(size_of(*index, queries), options), measure(index, queries, options).peak)
             << n << " " << samples;
       }
+}
+
+// Few points, of which some may be outside: what the cage's predictions take is nearly all.
+TEST(Cost, BoundHoldsForPredictionsOfBothSides) {
+  for (const Shape& cage : {testing::sphere(8, 1.0), testing::open_box()})
+    for (const double size : {0.5, 2.0}) {
+      const auto index = testing::make_index(cage);
+      const auto options = *resolve(predicted(true), false);
+      const QueryInput queries = testing::loose_points(testing::random_points(300, 3, -size, size, 1));
+      EXPECT_GE(bound_memory_bytes(size_of(*index, queries), options), measure(index, queries, options).peak) << size;
+    }
 }
 
 // However many hits a ray has, memory stays below the bound; only the estimate cannot know.
