@@ -67,7 +67,7 @@ std::optional<Refusal> ComputeJob::use_index(Result<CageCache::Index> index, boo
   index_ = std::move(*index);
   facts_.cache_hit = cache_hit;
   if (!ticket_) {
-    if (std::optional<Refusal> refusal = admit(size_of(*index_))) return refusal;
+    if (std::optional<Refusal> refusal = admit(size_of(*index_, plan_->options))) return refusal;
   }
   assembler_.emplace(plan_->counts, index_->dimension());
   cage_s_ = std::chrono::duration<double>(Clock::now() - cage_start_).count();
@@ -106,6 +106,8 @@ std::variant<ComputeJob::Response, Refusal> ComputeJob::begin(const std::atomic<
       {.options = plan_->options, .block_rows = block_rows_, .first_row = plan_->first_row, .kernels = &state_.kernels},
       cancel);
   if (!binding) return refuse(binding.error());
+  // Points outside may have asked for another prediction.
+  if (plan_->options.estimator == Estimator::kPredicted) state_.cages.recount(*index_);
   if (const Status same = check_resumed_smoothing(*plan_, (*binding)->smoothing_time()); !same)
     return refuse(same.error());
   binding_ = std::move(*binding);

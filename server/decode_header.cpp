@@ -95,6 +95,9 @@ Result<Options> decode_options(const v1::ComputeOptions& in, const v1::OutputOpt
     case v1::ESTIMATOR_EXACT:
       out.estimator = Estimator::kExact;
       break;
+    case v1::ESTIMATOR_PREDICTED:
+      out.estimator = Estimator::kPredicted;
+      break;
     default:
       return unknown_enum(path + "estimator", in.estimator());
   }

@@ -53,6 +53,8 @@ v1::Estimator encode_estimator(Estimator estimator) {
       return v1::ESTIMATOR_BOUNDARY_ELEMENT;
     case Estimator::kExact:
       return v1::ESTIMATOR_EXACT;
+    case Estimator::kPredicted:
+      return v1::ESTIMATOR_PREDICTED;
   }
   return v1::ESTIMATOR_UNSPECIFIED;
 }
@@ -66,7 +68,7 @@ void encode_options(const ResponseFacts& facts, v1::ComputeOptions& out) {
   out.set_denoise(options.denoise == Denoise::kMesh ? v1::DENOISE_MESH : v1::DENOISE_NONE);
   out.set_prune_below(options.prune_below);
   if (options.estimator == Estimator::kBoundaryElement) out.set_panels(options.panels);
-  if (options.estimator != Estimator::kSampling) return;
+  if (!takes_samples(options.estimator)) return;
   out.set_samples(options.samples);
   out.set_thickness(options.thickness);
   out.set_walk_steps_max(options.walk_steps_max);
@@ -175,7 +177,8 @@ v1::GetCapabilitiesResponse encode_capabilities(const Limits& limits, const std:
   for (const CoordinateKind kind : built_kinds()) response.add_coordinates(encode_kind(kind));
   response.add_presets(v1::PRESET_DEFAULT);
   response.add_presets(v1::PRESET_PAPER);
-  for (const v1::Estimator estimator : {v1::ESTIMATOR_SAMPLING, v1::ESTIMATOR_BOUNDARY_ELEMENT, v1::ESTIMATOR_EXACT})
+  for (const v1::Estimator estimator :
+       {v1::ESTIMATOR_SAMPLING, v1::ESTIMATOR_BOUNDARY_ELEMENT, v1::ESTIMATOR_EXACT, v1::ESTIMATOR_PREDICTED})
     response.add_estimators(estimator);
   v1::ElementSupport& plane = *response.add_elements();
   plane.set_dimension(2);

@@ -59,14 +59,21 @@ Result<Understood> understand(Result<ComputePlan> plan, const std::string& metad
 }
 
 BindingSize size_of(const CageStorage& cage) {
-  return {
-      .dimension = cage.dimension, .control_vertices = cage.control_vertex_count(), .stencil_max = cage.stencil_max()};
+  return {.dimension = cage.dimension,
+          .control_vertices = cage.control_vertex_count(),
+          .stencil_max = cage.stencil_max(),
+          .elements = cage.element_count(),
+          .triangles = cage.triangle_count()};
 }
 
-BindingSize size_of(const CageIndex& index) {
-  return {.dimension = index.dimension(),
-          .control_vertices = index.control_vertex_count(),
-          .stencil_max = index.stencil_max()};
+BindingSize size_of(const CageIndex& index, const ResolvedOptions& options) {
+  BindingSize size{.dimension = index.dimension(),
+                   .control_vertices = index.control_vertex_count(),
+                   .stencil_max = index.stencil_max(),
+                   .elements = index.element_count(),
+                   .triangles = index.triangle_count()};
+  if (options.estimator == Estimator::kPredicted) size.closed = index.is_closed();
+  return size;
 }
 
 Result<RequestCost> price(const ComputePlan& plan, BindingSize size, const Limits& limits, int threads) {
@@ -108,7 +115,7 @@ void estimate_cost(ServiceState& state, Result<ComputePlan> plan, const std::str
   };
   if (understood->cage) {
     // In the order of ComputeCoordinates: what is too large is not looked at.
-    const BindingSize size = size_of(*understood->cage);
+    BindingSize size = size_of(*understood->cage);
     const bool fits = price(understood->plan, size, state.limits, state.arena.threads()).ok();
     if (const Status sound = fits ? check_cage(*understood->cage) : Status(Done{}); !sound)
       return then(refuse(sound.error()));
@@ -116,6 +123,8 @@ void estimate_cost(ServiceState& state, Result<ComputePlan> plan, const std::str
             !fits ? Status(Done{}) : CageIndex::check_estimator(understood->cage->input(), understood->plan.options);
         !suits)
       return then(refuse(at_options(suits.error())));
+    if (fits && understood->plan.options.estimator == Estimator::kPredicted)
+      size.closed = CageIndex::is_closed(understood->cage->input()).value();
     return answer(size);
   }
   const auto waiter = [answer, then, &facts, options = understood->plan.options](Result<CageCache::Index> index,
@@ -123,7 +132,7 @@ void estimate_cost(ServiceState& state, Result<ComputePlan> plan, const std::str
     facts.cache_hit = found == CageCache::Found::kHit;
     if (!index.ok()) return then(refuse(index.error()));
     const Status suits = (*index)->check_estimator(options);
-    suits.ok() ? answer(size_of(**index)) : then(refuse(at_options(suits.error())));
+    suits.ok() ? answer(size_of(**index, options)) : then(refuse(at_options(suits.error())));
   };
   if (state.cages.find(understood->digest, waiter) == CageCache::Found::kMissing)
     then(missing_cage(understood->digest));

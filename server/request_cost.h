@@ -34,8 +34,9 @@ struct RequestCost {
   uint64_t output_bytes = 0;
   uint32_t block_rows = 0;
 };
+// Of a cage that was sent along: as if it were closed, for that takes a look at every element.
 BindingSize size_of(const CageStorage& cage);
-BindingSize size_of(const CageIndex& index);
+BindingSize size_of(const CageIndex& index, const ResolvedOptions& options);
 // `cage_size`: of the cage; the rest is filled in. Errors: kInvalidArgument (options that do not fit the
 // cage's dimension), kResourceExhausted (more memory than one request may have).
 Result<RequestCost> price(const ComputePlan& plan, BindingSize cage_size, const Limits& limits, int threads);

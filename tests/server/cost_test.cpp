@@ -103,6 +103,26 @@ TEST_F(EstimateCost, RefusesWhatWouldBeRefused) {
             client_->compute({header(1), points({0.1, 0.2, 0.3})}, wrong).message);
 }
 
+// Sent along or known to the server, closed or open: one estimate.
+TEST_F(EstimateCost, OfAPredictionIsTheSameForAKnownCage) {
+  for (const bool closed : {true, false}) {
+    v1::Cage cage = tetrahedron();
+    if (!closed) *cage.mutable_triangles() = indices(3, {0, 2, 1, 0, 1, 3, 0, 3, 2});
+    auto request = header(10, cage);
+    request.mutable_header()->mutable_options()->set_estimator(v1::ESTIMATOR_PREDICTED);
+    v1::EstimateCostResponse sent, known;
+    const Outcome outcome = estimate(request.header(), sent);
+    ASSERT_EQ(outcome.code, kOk) << outcome.message;
+    const Answer answer = client_->compute({request, points(inner_points(10))});
+    ASSERT_EQ(answer.code, kOk) << answer.message;
+    EXPECT_EQ(sent.samples(), 120u);
+    EXPECT_EQ(answer.summary->samples(), 120u);
+    *request.mutable_header()->mutable_cage_digest() = digest_of(cage);
+    ASSERT_EQ(estimate(request.header(), known).code, kOk);
+    EXPECT_EQ(known.memory_bytes(), sent.memory_bytes());
+  }
+}
+
 TEST_F(EstimateCost, AnUnknownCageIsMissing) {
   auto request = header(1);
   *request.mutable_header()->mutable_cage_digest() = digest_of(tetrahedron());

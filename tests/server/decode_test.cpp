@@ -5,7 +5,9 @@
 #include <gtest/gtest.h>
 
 #include <limits>
+#include <set>
 
+#include "encode.h"
 #include "messages.h"
 
 namespace barycast::server {
@@ -41,6 +43,75 @@ TEST(DecodeHeader, AcceptsASoundOne) {
   EXPECT_EQ(plan->options.samples, 100u);
   EXPECT_TRUE(plan->options.gradients);
   EXPECT_TRUE(plan->float64);
+}
+
+TEST(DecodeHeader, KnowsEveryEstimator) {
+  const std::vector<std::pair<v1::Estimator, Estimator>> pairs = {
+      {v1::ESTIMATOR_UNSPECIFIED, Estimator::kSampling},
+      {v1::ESTIMATOR_SAMPLING, Estimator::kSampling},
+      {v1::ESTIMATOR_BOUNDARY_ELEMENT, Estimator::kBoundaryElement},
+      {v1::ESTIMATOR_EXACT, Estimator::kExact},
+      {v1::ESTIMATOR_PREDICTED, Estimator::kPredicted},
+  };
+  EXPECT_EQ(static_cast<int>(pairs.size()), v1::Estimator_ARRAYSIZE);
+  for (const auto& [sent, meant] : pairs) {
+    v1::ComputeHeader h = sound();
+    h.mutable_options()->set_estimator(sent);
+    if (sent == v1::ESTIMATOR_EXACT) h.mutable_options()->set_coordinates(v1::COORDINATE_KIND_MEAN_VALUE);
+    const Result<ComputePlan> plan = decode_header(h, kLimits);
+    ASSERT_TRUE(plan.ok()) << plan.error().text();
+    EXPECT_EQ(plan->options.estimator, meant);
+  }
+}
+
+// The response says what was decided: what the estimator uses and nothing else.
+TEST(EncodeHeader, CarriesWhatTheEstimatorUses) {
+  for (const v1::Estimator estimator :
+       {v1::ESTIMATOR_SAMPLING, v1::ESTIMATOR_BOUNDARY_ELEMENT, v1::ESTIMATOR_PREDICTED}) {
+    v1::ComputeHeader h = sound();
+    h.mutable_options()->set_estimator(estimator);
+    const v1::ComputeCoordinatesResponse answer = encode_header({.digest = {},
+                                                                 .cage_cache_hit = false,
+                                                                 .options = decode_header(h, kLimits)->options,
+                                                                 .smoothing_time = 0.25,
+                                                                 .float64 = true,
+                                                                 .block_rows = 10,
+                                                                 .control_vertex_count = 4});
+    const v1::ComputeOptions& said = answer.header().options();
+    EXPECT_EQ(said.estimator(), estimator);
+    const bool sampled = estimator != v1::ESTIMATOR_BOUNDARY_ELEMENT;
+    EXPECT_EQ(said.has_panels(), !sampled);
+    EXPECT_EQ(said.has_samples(), sampled);
+    EXPECT_EQ(said.has_thickness(), sampled);
+    EXPECT_EQ(said.has_walk_steps_max(), sampled);
+    EXPECT_EQ(said.has_smoothing_time(), sampled);
+    EXPECT_EQ(said.samples(), estimator == v1::ESTIMATOR_SAMPLING ? 50u : sampled ? 12u : 0u);
+  }
+}
+
+TEST(Capabilities, ListEveryEstimator) {
+  const v1::GetCapabilitiesResponse answer = encode_capabilities(kLimits, "");
+  EXPECT_EQ(std::set<int>(answer.estimators().begin(), answer.estimators().end()), (std::set<int>{1, 2, 3, 4}));
+}
+
+TEST(DecodeHeader, RefusesToPredict) {
+  const auto asks = [] {
+    v1::ComputeHeader h = sound();
+    h.mutable_options()->set_estimator(v1::ESTIMATOR_PREDICTED);
+    return h;
+  };
+  v1::ComputeHeader h = asks();
+  h.mutable_options()->set_preset(v1::PRESET_PAPER);
+  expect_refused(h, kInvalid, "header.options.estimator");
+  h = asks();
+  h.mutable_options()->set_coordinates(v1::COORDINATE_KIND_MEAN_VALUE);
+  expect_refused(h, kInvalid, "header.options.estimator");
+  h = asks();
+  h.mutable_options()->set_panels(100);
+  expect_refused(h, kInvalid, "header.options.panels");
+  h = asks();
+  h.mutable_options()->set_samples(101);
+  expect_refused(h, kInvalid, "header.options.samples");
 }
 
 TEST(DecodeHeader, DefaultsToFloat32) {

@@ -21,10 +21,10 @@ ParsedArguments parse_arguments(int argc, char** argv) {
       ->check(CLI::IsMember({"harmonic", "mean-value", "positive-mean-value"}))
       ->capture_default_str();
   app.add_option("--estimator", estimator, "How coordinates are found")
-      ->check(CLI::IsMember({"sampling", "boundary-element", "exact"}))
+      ->check(CLI::IsMember({"sampling", "predicted", "boundary-element", "exact"}))
       ->capture_default_str();
   app.add_option("--panels", options.panels, "Boundary elements, at most (default: 1000)");
-  app.add_option("--samples", options.samples, "Walks or rays per point (default: 50)");
+  app.add_option("--samples", options.samples, "Walks or rays per point (default: 50; predicted: 12)");
   app.add_option("--seed", options.seed)->capture_default_str();
   app.add_option("--preset", preset)->check(CLI::IsMember({"default", "paper"}))->capture_default_str();
   app.add_option("--denoise", denoise, "auto: over the model's faces, when it has any")

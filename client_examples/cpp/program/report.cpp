@@ -27,12 +27,12 @@ void append(std::string& list, const std::string& item) {
 
 // How coordinates were found.
 std::string method(const client::ComputeOptions& options) {
-  if (options.estimator != client::Estimator::kSampling) {
-    const uint32_t panels = options.panels.value_or(0);
+  const uint32_t panels = options.panels.value_or(0), samples = options.samples.value_or(0);
+  const bool sampling = options.estimator == client::Estimator::kSampling;
+  if (!sampling && samples == 0)
     return name(options.estimator) + (panels > 0 ? ", at most " + thousands(panels) + " panels" : "");
-  }
-  return std::to_string(options.samples.value_or(0)) + " samples per point, preset " + name(options.preset) +
-         ", denoise " + name(options.denoise) + ", seed " + std::to_string(options.seed);
+  return (sampling ? "" : name(options.estimator) + ", ") + std::to_string(samples) + " samples per point, preset " +
+         name(options.preset) + ", denoise " + name(options.denoise) + ", seed " + std::to_string(options.seed);
 }
 
 // Longer than a daemon on this machine or a name's resolution takes.

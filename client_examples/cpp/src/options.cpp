@@ -19,9 +19,10 @@ constexpr Names<Stage, 4> kStages{{{Stage::kSampling, "sampling"},
                                    {Stage::kSmoothing, "smoothing"},
                                    {Stage::kRows, "rows"},
                                    {Stage::kSolving, "solving"}}};
-constexpr Names<Estimator, 3> kEstimators{{{Estimator::kSampling, "sampling"},
+constexpr Names<Estimator, 4> kEstimators{{{Estimator::kSampling, "sampling"},
                                            {Estimator::kBoundaryElement, "boundary-element"},
-                                           {Estimator::kExact, "exact"}}};
+                                           {Estimator::kExact, "exact"},
+                                           {Estimator::kPredicted, "predicted"}}};
 
 template <class Enum, size_t n>
 std::string name_in(const Names<Enum, n>& names, Enum value) {

@@ -56,10 +56,10 @@ def _add_bind(verbs: Verbs) -> argparse.ArgumentParser:
     bind.add_argument("-o", "--output", metavar="BIND.npz", help="required, except with --estimate")
     bind.add_argument("--coordinates", choices=COORDINATES, default="harmonic")
     bind.add_argument("--estimator", choices=ESTIMATORS, default="sampling",
-                      help="boundary-element: harmonic, without noise; exact: mean value, "
-                           "closed cages of triangles and polygons")
+                      help="predicted: harmonic, walks correct a prediction; boundary-element: harmonic, no noise; "
+                           "exact: mean value, closed cages of triangles and polygons")
     bind.add_argument("--panels", type=int, help="boundary elements, at most (default: 1000)")
-    bind.add_argument("--samples", type=int, help="walks or rays per point (default: 50)")
+    bind.add_argument("--samples", type=int, help="walks or rays per point (default: 50; predicted: 12)")
     bind.add_argument("--seed", type=int, default=0)
     bind.add_argument("--preset", choices=PRESETS, default="default")
     bind.add_argument("--denoise", choices=("auto", "none"), default="auto",

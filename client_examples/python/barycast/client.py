@@ -86,9 +86,10 @@ class Client:
              prune_below: Optional[float] = None, smoothing_time: Optional[float] = None,
              influences_max: int = 0, estimator: str = "sampling", panels: Optional[int] = None) -> Binding:
         """All rows of `compute` as one sparse matrix. None follows the preset. influences_max: coordinates kept per
-        row, d + 1 or more; 0: all. estimator: "sampling", or without samples "boundary-element" (harmonic, at most
-        `panels` of them) or "exact" (mean value, closed cages of triangles and
-        polygons). Throws InputError, ServerError."""
+        row, d + 1 or more; 0: all. estimator: "sampling", "predicted" (harmonic: walks correct a prediction,
+        surface cages in space that are not too large), or without samples "boundary-element" (harmonic, at most
+        `panels` of them) or "exact" (mean value, closed cages of triangles and polygons). Throws InputError,
+        ServerError."""
         options = compute_options(coordinates, preset, samples, seed, denoise, thickness, walk_steps_max, prune_below,
                                   smoothing_time, estimator, panels)
         output = output_options(dtype, gradients, influences_max)

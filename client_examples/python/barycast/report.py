@@ -108,9 +108,10 @@ def summary_lines(binding: Binding) -> List[str]:
 def _method(options: Dict[str, Any]) -> str:
     """How coordinates were found. Reports of the first versions name no estimator: they sampled."""
     estimator = options.get("estimator", "sampling")
-    if estimator != "sampling":
+    if estimator != "sampling" and not options["samples"]:
         return estimator + (f', at most {options["panels"]:,} panels' if options["panels"] else "")
-    return (f'{options["samples"]} samples per point, preset {options["preset"]}, denoise {options["denoise"]}, '
+    named = "" if estimator == "sampling" else f"{estimator}, "
+    return (f'{named}{options["samples"]} samples per point, preset {options["preset"]}, denoise {options["denoise"]}, '
             f'seed {options["seed"]}')
 
 

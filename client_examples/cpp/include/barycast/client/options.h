@@ -16,7 +16,7 @@ enum class Preset { kDefault = 1, kPaper = 2 };
 enum class Denoise { kAuto = 1, kNone = 2, kMesh = 3 };
 enum class DataType { kFloat32 = 1, kFloat64 = 2 };
 enum class Stage { kSampling = 1, kSmoothing = 2, kRows = 3, kSolving = 4 };
-enum class Estimator { kSampling = 1, kBoundaryElement = 2, kExact = 3 };
+enum class Estimator { kSampling = 1, kBoundaryElement = 2, kExact = 3, kPredicted = 4 };
 
 struct ComputeOptions {
   Coordinates coordinates = Coordinates::kHarmonic;
