@@ -1,13 +1,15 @@
 // Where the time of a binding goes: barycast_bench --cage C --model M [options]
 //
 // Binds the model's points to the cage in this process, cold, and prints one JSON object for every variant: points,
-// control_vertices, walks_per_second, the stages' seconds, total_s, peak_bytes, isa. --engine, --isa, --threads and
-// --samples take several values; every combination is a variant, and they run in turns, --repeats times each: medians
-// are printed, and the least and the most of the totals.
+// control_vertices, walks_per_second, the stages' seconds, total_s, peak_bytes, isa. --estimator, --engine, --isa,
+// --threads and --samples take several values; every combination is a variant, and they run in turns, --repeats times
+// each: medians are printed, and the least and the most of the totals.
 //   build          the cage's index                       smooth_factor, smooth_solve   denoising
 //   walk           samples, rays for mean value kinds     prune       rows: evaluated, pruned, corrected
 //   moments, solve of the samples                         encode      rows to messages, float32
-// walk, moments and solve are measured in a pass of their own, over the same points; in the binding they are one.
+// walk, moments and solve are measured in a pass of their own, over the same points; in the binding they are one. Other
+// estimators than sampling have no such pass: solve is to solve boundary elements, walk all that comes before
+// denoising, or without it all of the rows. A prediction is solved for in build.
 
 #include <sys/resource.h>
 #include <tbb/task_arena.h>
@@ -19,6 +21,7 @@
 #include <cstdio>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 
 #include "base/parallel.h"
@@ -47,10 +50,12 @@ struct Job {
 };
 
 struct Variant {
+  Estimator estimator;
+  std::string estimator_name;
   DistanceEngine engine;
   std::string engine_name, isa;
   int threads;
-  uint32_t samples;
+  std::optional<uint32_t> samples;
 };
 
 // Of one run: seconds by name, and counts.
@@ -167,7 +172,14 @@ Run run_once(const Job& job, const Variant& variant, const ResolvedOptions& opti
   run.stages["smooth_solve"] = summary.smoothing_solve_s;
   run.stages["prune"] = summary.rows_s;
   const auto& structures = *std::get<std::unique_ptr<const CageStructures<3>>>((*index)->structures());
-  if (options.estimator == Estimator::kSampling) time_estimates(structures, job.queries, options, run);
+  if (options.estimator == Estimator::kSampling) {
+    time_estimates(structures, job.queries, options, run);
+    return run;
+  }
+  run.stages["walk"] = summary.sampling_s;
+  run.stages["solve"] = summary.solving_s;
+  run.walks = summary.samples;
+  run.steps = summary.walk_steps;
   return run;
 }
 
@@ -181,6 +193,7 @@ nlohmann::ordered_json report(const Job& job, const Variant& variant, const Reso
   nlohmann::ordered_json out{{"points", job.queries.points.size() / 3},
                              {"control_vertices", job.cage.control_vertices.size() / 3},
                              {"elements", job.cage.triangles.size() / 3 + job.cage.quads.size() / 4},
+                             {"estimator", variant.estimator_name},
                              {"samples", options.samples},
                              {"engine", variant.engine_name},
                              {"isa", variant.isa},
@@ -215,14 +228,20 @@ int main(int argc, char** argv) {
   std::string cage, model, coordinates = "harmonic", preset = "default", denoise = "auto";
   std::vector<std::string> engines = {"grid"}, isas = {"widest"};
   std::vector<int> threads = {tbb::this_task_arena::max_concurrency()};
-  std::vector<uint32_t> samples = {50};
+  std::vector<uint32_t> samples;
+  std::vector<std::string> estimators = {"sampling"};
+  const std::map<std::string, Estimator> known = {{"sampling", Estimator::kSampling},
+                                                  {"predicted", Estimator::kPredicted},
+                                                  {"boundary-element", Estimator::kBoundaryElement},
+                                                  {"exact", Estimator::kExact}};
   int repeats = 1;
   bool json = false;
   CLI::App app("Where the time of a binding goes, for every combination of the options.", "barycast_bench");
   app.add_option("--cage", cage, "OBJ of triangles and quads")->required();
   app.add_option("--model", model, "OBJ")->required();
   app.add_option("--coordinates", coordinates)->check(CLI::IsMember({"harmonic", "mean-value", "positive-mean-value"}));
-  app.add_option("--samples", samples)->delimiter(',');
+  app.add_option("--estimator", estimators)->delimiter(',')->check(CLI::IsMember(known));
+  app.add_option("--samples", samples, "of estimators that take any; default: the estimator's")->delimiter(',');
   app.add_option("--preset", preset)->check(CLI::IsMember({"default", "paper"}));
   app.add_option("--denoise", denoise)->check(CLI::IsMember({"auto", "none"}));
   app.add_option("--engine", engines)->delimiter(',')->check(CLI::IsMember({"grid", "embree"}));
@@ -235,13 +254,25 @@ int main(int argc, char** argv) {
   const Job job = read_job(cage, model);
   const bool has_wide = (hwy::SupportedTargets() & HWY_AVX3) != 0;
   std::vector<Variant> variants;
-  for (const std::string& engine : engines)
-    for (std::string isa : isas)
-      for (const int t : threads)
-        for (const uint32_t m : samples) {
+  for (const std::string& estimator : estimators)
+    for (const std::string& engine : engines)
+      for (std::string isa : isas)
+        for (const int t : threads) {
           if (isa == "widest") isa = has_wide ? "avx512" : "avx2";
           if (isa == "avx512" && !has_wide) fail("this processor has no AVX-512");
-          variants.push_back({engine == "grid" ? DistanceEngine::kGrid : DistanceEngine::kEmbree, engine, isa, t, m});
+          Variant variant{.estimator = known.at(estimator),
+                          .estimator_name = estimator,
+                          .engine = engine == "grid" ? DistanceEngine::kGrid : DistanceEngine::kEmbree,
+                          .engine_name = engine,
+                          .isa = isa,
+                          .threads = t,
+                          .samples = {}};
+          if (samples.empty() || !takes_samples(variant.estimator)) variants.push_back(variant);
+          if (!takes_samples(variant.estimator)) continue;
+          for (const uint32_t m : samples) {
+            variant.samples = m;
+            variants.push_back(variant);
+          }
         }
   std::vector<std::vector<Run>> runs(variants.size());
   std::vector<ResolvedOptions> options;
@@ -252,6 +283,7 @@ int main(int argc, char** argv) {
                                                         : CoordinateKind::kPositiveMeanValue;
     choices.preset = preset == "paper" ? Preset::kPaper : Preset::kDefault;
     choices.denoise = denoise == "none" ? Denoise::kNone : Denoise::kAuto;
+    choices.estimator = variant.estimator;
     choices.samples = variant.samples;
     choices.gradients = true;
     const auto resolved = resolve(choices, job.queries.face_offsets.size() > 1);

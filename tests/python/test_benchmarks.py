@@ -36,6 +36,15 @@ def test_every_combination_is_a_variant(barycast_bench, files):
         assert 0 < variant["total_s_least"] <= variant["total_s"] <= variant["total_s_most"]
 
 
+def test_estimators_are_variants(barycast_bench, files):
+    done = run(barycast_bench, *files, "--estimator", "sampling,predicted,boundary-element", "--threads", "1")
+    assert done.returncode == 0, done.stderr
+    variants = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [(v["estimator"], v["samples"]) for v in variants] == [("sampling", 50), ("predicted", 12),
+                                                                  ("boundary-element", 0)]
+    assert [v["walks_per_second"] > 0 for v in variants] == [True, True, False]
+
+
 def test_refuses_what_it_cannot_read(barycast_bench, files, tmp_path):
     done = run(barycast_bench, *files[:3], tmp_path / "missing.obj")
     assert done.returncode == 2 and "missing.obj" in done.stderr
