@@ -63,6 +63,7 @@ std::optional<Refusal> ComputeJob::open(const v1::ComputeHeader& header, std::op
 
 std::optional<Refusal> ComputeJob::use_index(Result<CageCache::Index> index, bool cache_hit) {
   if (!index) return refuse(index.error());
+  plan_->options = (*index)->settle(plan_->options);
   if (const Status fits = (*index)->check_estimator(plan_->options); !fits) return refuse(at_options(fits.error()));
   index_ = std::move(*index);
   facts_.cache_hit = cache_hit;

@@ -31,7 +31,6 @@ struct CageStorage {
   CageInput input() const;
   uint64_t stencil_max() const;     // as Cage::stencil_max
   uint64_t element_count() const;   // as CageIndex::element_count, where none is degenerate
-  uint64_t triangle_count() const;  // as CageIndex::triangle_count
   uint64_t control_vertex_count() const { return control_vertices.size() / static_cast<uint64_t>(dimension); }
 };
 

@@ -96,13 +96,6 @@ uint64_t CageStorage::element_count() const {
   return count;
 }
 
-uint64_t CageStorage::triangle_count() const {
-  uint64_t count = element_count() + quads.size() / 4;
-  for (size_t i = 0; i + 1 < polygon_offsets.size(); ++i)
-    count += polygon_offsets[i + 1] - polygon_offsets[i] == 4 ? 1 : 0;
-  return count;
-}
-
 CageInput CageStorage::input() const {
   return {.dimension = dimension,
           .control_vertices = control_vertices,

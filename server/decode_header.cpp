@@ -86,6 +86,7 @@ Result<Options> decode_options(const v1::ComputeOptions& in, const v1::OutputOpt
   }
   switch (in.estimator()) {
     case v1::ESTIMATOR_UNSPECIFIED:
+      break;
     case v1::ESTIMATOR_SAMPLING:
       out.estimator = Estimator::kSampling;
       break;

@@ -63,7 +63,7 @@ BindingSize size_of(const CageStorage& cage) {
           .control_vertices = cage.control_vertex_count(),
           .stencil_max = cage.stencil_max(),
           .elements = cage.element_count(),
-          .triangles = cage.triangle_count()};
+          .triangles = surface_triangles(cage.input())};
 }
 
 BindingSize size_of(const CageIndex& index, const ResolvedOptions& options) {
@@ -71,13 +71,14 @@ BindingSize size_of(const CageIndex& index, const ResolvedOptions& options) {
                    .control_vertices = index.control_vertex_count(),
                    .stencil_max = index.stencil_max(),
                    .elements = index.element_count(),
-                   .triangles = index.triangle_count()};
+                   .triangles = index.surface_triangles()};
   if (options.estimator == Estimator::kPredicted) size.closed = index.is_closed();
   return size;
 }
 
 Result<RequestCost> price(const ComputePlan& plan, BindingSize size, const Limits& limits, int threads) {
-  if (const Status fits = check_dimension(plan.options, size.dimension); !fits)
+  const ResolvedOptions options = settle(plan.options, size.dimension, size.control_vertices, size.triangles);
+  if (const Status fits = check_dimension(options, size.dimension); !fits)
     return invalid_argument("header.output." + fits.error().field, fits.error().message);
   size.points = plan.counts.points;
   size.faces = plan.counts.faces;
@@ -86,13 +87,13 @@ Result<RequestCost> price(const ComputePlan& plan, BindingSize size, const Limit
   RequestCost cost;
   cost.block_rows = choose_block_rows(plan, size, limits);
   size.block_rows = cost.block_rows;
-  const uint64_t per_entry = entry_bytes(size.dimension, plan.options.gradients, plan.float64);
+  const uint64_t per_entry = entry_bytes(size.dimension, options.gradients, plan.float64);
   const uint64_t block_bytes_max = std::min(size.block_rows, size.points) * (5 + size.control_vertices * per_entry);
-  cost.memory_bytes = estimate_memory_bytes(size, plan.options);
-  cost.admitted_bytes = bound_memory_bytes(size, plan.options) + kBlocksOnTheirWay * block_bytes_max;
-  cost.samples = estimate_samples(size, plan.options);
+  cost.memory_bytes = estimate_memory_bytes(size, options);
+  cost.admitted_bytes = bound_memory_bytes(size, options) + kBlocksOnTheirWay * block_bytes_max;
+  cost.samples = estimate_samples(size, options);
   const uint64_t blocks = (size.points + size.block_rows - 1) / size.block_rows;
-  cost.output_bytes = estimate_entries(size, plan.options) * per_entry + size.points * 5 + blocks * 4;
+  cost.output_bytes = estimate_entries(size, options) * per_entry + size.points * 5 + blocks * 4;
   if (cost.admitted_bytes <= limits.request_bytes_max) return cost;
   return Error{ErrorCode::kResourceExhausted, "header.queries",
                fmt::format("up to {} bytes of working memory, more than this server's limit of {}; cut the points into "
@@ -119,11 +120,12 @@ void estimate_cost(ServiceState& state, Result<ComputePlan> plan, const std::str
     const bool fits = price(understood->plan, size, state.limits, state.arena.threads()).ok();
     if (const Status sound = fits ? check_cage(*understood->cage) : Status(Done{}); !sound)
       return then(refuse(sound.error()));
-    if (const Status suits =
-            !fits ? Status(Done{}) : CageIndex::check_estimator(understood->cage->input(), understood->plan.options);
+    const ResolvedOptions options =
+        settle(understood->plan.options, size.dimension, size.control_vertices, size.triangles);
+    if (const Status suits = fits ? CageIndex::check_estimator(understood->cage->input(), options) : Status(Done{});
         !suits)
       return then(refuse(at_options(suits.error())));
-    if (fits && understood->plan.options.estimator == Estimator::kPredicted)
+    if (fits && options.estimator == Estimator::kPredicted)
       size.closed = CageIndex::is_closed(understood->cage->input()).value();
     return answer(size);
   }
@@ -131,7 +133,7 @@ void estimate_cost(ServiceState& state, Result<ComputePlan> plan, const std::str
                                                                                  CageCache::Found found) {
     facts.cache_hit = found == CageCache::Found::kHit;
     if (!index.ok()) return then(refuse(index.error()));
-    const Status suits = (*index)->check_estimator(options);
+    const Status suits = (*index)->check_estimator((*index)->settle(options));
     suits.ok() ? answer(size_of(**index, options)) : then(refuse(at_options(suits.error())));
   };
   if (state.cages.find(understood->digest, waiter) == CageCache::Found::kMissing)

@@ -49,6 +49,10 @@ class BindingOf final : public Binding {
         tasks_([this] { return Task(cage_); }) {
     summary_.warnings.assign(cage_.warnings().begin(), cage_.warnings().end());
     summary_.warnings.insert(summary_.warnings.end(), queries_.warnings.begin(), queries_.warnings.end());
+    if (settings.options.unpredicted)
+      summary_.warnings.push_back({"estimator",
+                                   "the cage is too large to be predicted; coordinates were sampled, with several "
+                                   "times the noise; more samples help, or boundary elements"});
     if (smoothed()) {
       summary_.smoothing_time = settings.options.smoothing_time.value_or(0.0);
       fits_.emplace(cage_, queries_.nodes);
@@ -232,8 +236,10 @@ class BindingOf final : public Binding {
 
 template <int D>
 Result<std::unique_ptr<Binding>> create_of(std::shared_ptr<const CageIndex> index, const CageStructures<D>& structures,
-                                           const QueryInput& input, const BindingSettings& settings,
+                                           const QueryInput& input, const BindingSettings& asked,
                                            const std::atomic<bool>& cancel) {
+  BindingSettings settings = asked;
+  settings.options = index->settle(asked.options);
   if (auto status = check_dimension(settings.options, D); !status) return status.error();
   if (auto status = check_estimator(structures.cage, settings.options); !status) return status.error();
   if (auto status = index->prepare(settings.options); !status) return status.error();

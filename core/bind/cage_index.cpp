@@ -109,13 +109,18 @@ Status check_estimator(const Cage<D>& cage, const ResolvedOptions& options) {
     return invalid_argument("estimator", "cages in the plane are sampled; the other estimators are for cages in space");
   } else {
     if (options.estimator == Estimator::kExact) return ExactMeanValue::check(cage);
-    if (options.estimator == Estimator::kPredicted) return HarmonicPrediction::check(cage);
+    if (options.estimator == Estimator::kPredicted)
+      return HarmonicPrediction::check(cage.surface_triangles(), cage.control_vertex_count());
     return Panels::check(cage, options.panels);
   }
 }
 
 template Status check_estimator<2>(const Cage<2>&, const ResolvedOptions&);
 template Status check_estimator<3>(const Cage<3>&, const ResolvedOptions&);
+
+ResolvedOptions CageIndex::settle(const ResolvedOptions& options) const {
+  return barycast::settle(options, dimension(), control_vertex_count(), surface_triangles());
+}
 
 Status CageIndex::check_estimator(const ResolvedOptions& options) const {
   return std::visit([&](const auto& s) { return barycast::check_estimator(s->cage, options); }, structures_);
@@ -171,14 +176,8 @@ size_t CageIndex::element_count() const {
   return std::visit([](const auto& s) { return s->cage.elements().size(); }, structures_);
 }
 
-size_t CageIndex::triangle_count() const {
-  size_t count = element_count();
-  std::visit(
-      [&](const auto& s) {
-        for (const Element& element : s->cage.elements()) count += element.kind == ElementKind::kQuad ? 1 : 0;
-      },
-      structures_);
-  return count;
+uint64_t CageIndex::surface_triangles() const {
+  return std::visit([](const auto& s) { return s->cage.surface_triangles(); }, structures_);
 }
 
 bool CageIndex::is_closed() const {

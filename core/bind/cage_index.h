@@ -82,7 +82,7 @@ class CageIndex {
   uint32_t control_vertex_count() const;
   uint32_t stencil_max() const;
   size_t element_count() const;
-  size_t triangle_count() const;  // a quad is two
+  uint64_t surface_triangles() const;  // as the function of cage.h
   // Whether the elements bound a volume (solve/closed.h). Not kept: microseconds for each of them.
   bool is_closed() const;
   // The same of a cage without its index. Errors: those of `check`.
@@ -90,7 +90,8 @@ class CageIndex {
   std::span<const Warning> warnings() const;
   size_t bytes() const;  // memory held now, for the cache's bound
 
-  // As the function of that name.
+  // As the functions of these names.
+  ResolvedOptions settle(const ResolvedOptions& options) const;
   Status check_estimator(const ResolvedOptions& options) const;
   // Builds what computations with these options need, here and now unless it is there or under way: milliseconds for
   // hundreds of elements, half a second for ten thousand, some seconds for a hundred thousand. `then` is called once:

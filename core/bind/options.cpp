@@ -4,6 +4,7 @@
 #include <string>
 
 #include "base/tolerances.h"
+#include "solve/prediction.h"
 
 namespace barycast {
 namespace {
@@ -25,13 +26,13 @@ Status check_range(const char* field, double value, double low, double high, con
 }
 
 // What an estimator without samples can do, and which choices make no sense with it.
-Status check_solved(const Options& options) {
+Status check_solved(const Options& options, Estimator estimator) {
   if (options.preset == Preset::kPaper)
     return invalid_argument("estimator", "the paper's preset is sampling; leave one out");
   const bool harmonic = options.coordinates == CoordinateKind::kHarmonic;
-  if (options.estimator == Estimator::kBoundaryElement && !harmonic)
+  if (estimator == Estimator::kBoundaryElement && !harmonic)
     return invalid_argument("estimator", "boundary elements solve for harmonic coordinates only");
-  if (options.estimator == Estimator::kExact && options.coordinates != CoordinateKind::kMeanValue)
+  if (estimator == Estimator::kExact && options.coordinates != CoordinateKind::kMeanValue)
     return invalid_argument("estimator",
                             "exact is the closed form of mean value coordinates; the other kinds have none");
   if (options.samples) return invalid_argument("samples", "this estimator takes no samples; leave them out");
@@ -53,19 +54,21 @@ Status check_panels(const Options& options) {
 }  // namespace
 
 Result<ResolvedOptions> resolve(const Options& options, bool queries_have_faces) {
-  const bool paper = options.preset == Preset::kPaper, predicted = options.estimator == Estimator::kPredicted;
-  const bool sampling = takes_samples(options.estimator);
+  const bool paper = options.preset == Preset::kPaper, harmonic = options.coordinates == CoordinateKind::kHarmonic;
+  const Estimator best = harmonic && !paper ? Estimator::kPredicted : Estimator::kSampling;
+  const Estimator estimator = options.estimator.value_or(best);
+  const bool predicted = estimator == Estimator::kPredicted, sampling = takes_samples(estimator);
   if (const Status known = check_panels(options); !known) return known.error();
-  if (predicted && (paper || options.coordinates != CoordinateKind::kHarmonic))
+  if (predicted && estimator != best)
     return invalid_argument("estimator", paper ? "the paper's preset predicts nothing; leave one out"
                                                : "only harmonic coordinates are predicted");
-  if (const Status fits = sampling ? Status(Done{}) : check_solved(options); !fits) return fits.error();
+  if (const Status fits = sampling ? Status(Done{}) : check_solved(options, estimator); !fits) return fits.error();
   ResolvedOptions resolved{
       .coordinates = options.coordinates,
       .preset = options.preset,
-      .estimator = options.estimator,
+      .estimator = estimator,
       .samples = sampling ? options.samples.value_or(predicted ? kSamplesPredicted : kSamplesDefault) : 0,
-      .panels = options.estimator == Estimator::kBoundaryElement ? options.panels.value_or(kPanelsDefault) : 0,
+      .panels = estimator == Estimator::kBoundaryElement ? options.panels.value_or(kPanelsDefault) : 0,
       .seed = options.seed,
       .denoise = options.denoise,
       .thickness = options.thickness.value_or(kThicknessDefault),
@@ -74,6 +77,7 @@ Result<ResolvedOptions> resolve(const Options& options, bool queries_have_faces)
       .smoothing_time = options.smoothing_time,
       .gradients = options.gradients,
       .influences_max = options.influences_max,
+      .samples_unpredicted = predicted && !options.estimator ? options.samples.value_or(kSamplesDefault) : 0,
   };
   if (options.denoise == Denoise::kAuto)
     resolved.denoise = queries_have_faces && sampling ? Denoise::kMesh : Denoise::kNone;
@@ -95,6 +99,18 @@ Result<ResolvedOptions> resolve(const Options& options, bool queries_have_faces)
         !s)
       return s.error();
   return resolved;
+}
+
+ResolvedOptions settle(const ResolvedOptions& options, int dimension, uint64_t control_vertices,
+                       uint64_t surface_triangles) {
+  ResolvedOptions settled = options;
+  if (options.estimator != Estimator::kPredicted || options.samples_unpredicted == 0) return settled;
+  const bool small = HarmonicPrediction::check(surface_triangles, control_vertices).ok();
+  if (dimension == 3 && small) return settled;
+  settled.estimator = Estimator::kSampling;
+  settled.samples = options.samples_unpredicted;
+  settled.unpredicted = dimension == 3;
+  return settled;
 }
 
 Status check_dimension(const ResolvedOptions& options, int dimension) {

@@ -31,7 +31,7 @@ enum class Denoise { kAuto, kNone, kMesh };
 struct Options {
   CoordinateKind coordinates = CoordinateKind::kHarmonic;
   Preset preset = Preset::kDefault;
-  Estimator estimator = Estimator::kSampling;
+  std::optional<Estimator> estimator = {};  // unset: the best that the kind, the preset and the cage allow
   std::optional<uint32_t> samples = {};
   std::optional<uint32_t> panels = {};  // of the boundary elements, at most
   uint64_t seed = 0;
@@ -58,11 +58,19 @@ struct ResolvedOptions {
   std::optional<double> smoothing_time = {};  // unset: Binding decides from the query mesh
   bool gradients;
   uint32_t influences_max;
+  // kPredicted was not asked for: it gives way to so many samples where the cage is not one for it. 0: asked for.
+  uint32_t samples_unpredicted = 0;
+  bool unpredicted = false;  // and did, for the cage is too large
 };
 
 // Errors, with paths relative to the options ("samples", "thickness", ...): kInvalidArgument (out of
 // range, denoising over a mesh without faces, choices that do not go together).
 Result<ResolvedOptions> resolve(const Options& options, bool queries_have_faces);
+
+// What only the cage can tell: whether harmonic coordinates are predicted where the caller has no choice of his own.
+// Calling it again changes nothing. surface_triangles: of cage.h.
+ResolvedOptions settle(const ResolvedOptions& options, int dimension, uint64_t control_vertices,
+                       uint64_t surface_triangles);
 
 // What only the cage's dimension can tell. Errors: kInvalidArgument (influences_max below d + 1: rows could
 // not reproduce position).

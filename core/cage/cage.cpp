@@ -225,6 +225,15 @@ double signed_volume(const std::vector<Vec<D>>& nodes, const std::vector<Element
 
 }  // namespace
 
+uint64_t surface_triangles(const CageInput& input) {
+  uint64_t count = input.triangles.size() / 3 + 2 * (input.quads.size() / 4);
+  for (size_t p = 1; p < input.polygon_offsets.size(); ++p) {
+    const uint32_t corners = input.polygon_offsets[p] - input.polygon_offsets[p - 1];
+    count += corners > 4 ? corners : corners - std::min(corners, 2u);
+  }
+  return count;
+}
+
 template <int D>
 Result<Cage<D>> Cage<D>::create(const CageInput& input) {
   BARYCAST_CHECK_OP(input.dimension, ==, D);
@@ -271,6 +280,7 @@ Result<Cage<D>> Cage<D>::create(const CageInput& input) {
         D == 3 ? "the used control vertices lie in a plane; they must span space (a cage in the plane has two "
                  "coordinates per vertex, and segments)"
                : "the used control vertices lie on a line; they must span the plane");
+  cage.surface_triangles_ = barycast::surface_triangles(input);
   cage.orientation_ = signed_volume<D>(cage.nodes_, cage.elements_) < 0.0 ? -1.0 : 1.0;
 
   for (uint32_t v = 0; v < cage.control_vertex_count_; ++v) {

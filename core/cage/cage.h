@@ -32,6 +32,9 @@ struct CageInput {
   std::span<const uint32_t> polygon_corners;  // c
 };
 
+// Triangles that the surface of a cage is: quads count twice, larger polygons by their corners.
+uint64_t surface_triangles(const CageInput& input);
+
 enum class ElementKind : uint8_t { kSegment, kTriangle, kQuad };
 
 // One element: its corners are nodes of the cage. A polygon of five or more corners becomes several
@@ -91,6 +94,8 @@ class Cage {
   double orientation() const { return orientation_; }
 
   std::span<const Warning> warnings() const { return warnings_; }
+  // Of its input.
+  uint64_t surface_triangles() const { return surface_triangles_; }
   size_t bytes() const;
 
  private:
@@ -103,6 +108,7 @@ class Cage {
   std::vector<uint32_t> used_;
   std::vector<Element> elements_;
   double orientation_ = 1.0;
+  uint64_t surface_triangles_ = 0;
   std::vector<Warning> warnings_;
 };
 

@@ -14,7 +14,7 @@ namespace {
 // of two of the best the error hardly changes.
 constexpr double kEdgesPerNoise = 28.0;
 constexpr double kNoiseLarge = 0.5;
-constexpr double kEdgesOfCorrections = 20.0;
+constexpr double kEdgesOfCorrections = 4.0;
 
 // At 50 samples; within a factor of two they hardly matter.
 constexpr double kSamplesReference = 50.0;

@@ -12,8 +12,6 @@ namespace {
 // Panels: at least, and for every triangle that the elements are. After correction more of them hardly pay:
 // FireHydrant's cage of 46 quads, 12 walks, E .0016 with 300 and with 600.
 constexpr size_t kPanelsLeast = 300, kPanelsPerTriangle = 2;
-// Beyond, solving takes more than half a second, and the table of what is missing too much memory.
-constexpr size_t kPanelsMost = 1000, kVerticesMost = 300;
 // Of the table of what is missing, in all. FireHydrant: E .0023 with 3,000, .0021 with 6,000, .0016 with 12,000, .0015
 // with 24,000, at 5 to 10 microseconds each.
 constexpr size_t kNodes = 12'000;
@@ -24,12 +22,13 @@ uint32_t panels_wanted(size_t triangles) {
 }
 
 uint32_t panels_wanted(const Cage<3>& cage) {
-  return panels_wanted(HarmonicPrediction::size_of(cage).triangles);
+  return panels_wanted(cage.surface_triangles());
 }
 
 HarmonicPrediction::CageSize within_limits(const HarmonicPrediction::CageSize& cage) {
-  return {std::clamp<size_t>(cage.elements, 1, kPanelsMost / kPanelsPerTriangle),
-          std::min(cage.triangles, kPanelsMost / kPanelsPerTriangle), std::min(cage.control_vertices, kVerticesMost)};
+  return {std::clamp<size_t>(cage.elements, 1, HarmonicPrediction::kTrianglesMost),
+          std::min<size_t>(cage.triangles, HarmonicPrediction::kTrianglesMost),
+          std::min<size_t>(cage.control_vertices, HarmonicPrediction::kVerticesMost)};
 }
 
 size_t columns_of(const HarmonicPrediction::CageSize& cage, BoundarySides side) {
@@ -46,10 +45,9 @@ Vec<3> point_at(const Cage<3>& cage, const ResidualTable::Node& node) {
 
 }  // namespace
 
-Status HarmonicPrediction::check(const Cage<3>& cage) {
-  const uint32_t panels = panels_wanted(cage);
-  if (panels <= kPanelsMost && cage.used_vertices().size() <= kVerticesMost) return Panels::check(cage, panels);
-  return invalid_argument("estimator", "the cage is too large to be predicted: " + std::to_string(kPanelsMost / 2) +
+Status HarmonicPrediction::check(uint64_t surface_triangles, uint64_t control_vertices) {
+  if (surface_triangles <= kTrianglesMost && control_vertices <= kVerticesMost) return Done{};
+  return invalid_argument("estimator", "the cage is too large to be predicted: " + std::to_string(kTrianglesMost) +
                                            " triangles (quads count twice) and " + std::to_string(kVerticesMost) +
                                            " control vertices are the most");
 }
@@ -115,12 +113,6 @@ void HarmonicPrediction::evaluate(std::span<const Vec<3>> points, bool gradients
   for (size_t i = 0; i < points.size(); ++i)
     if (outside_part(double{out.enclosed[i]}) > 0.0)
       continue_beyond_panels(distance_.closest(points[i]), points[i], i, gradients, out);
-}
-
-HarmonicPrediction::CageSize HarmonicPrediction::size_of(const Cage<3>& cage) {
-  CageSize size{.elements = cage.elements().size(), .triangles = 0, .control_vertices = cage.used_vertices().size()};
-  for (const Element& element : cage.elements()) size.triangles += element.kind == ElementKind::kQuad ? 2 : 1;
-  return size;
 }
 
 size_t HarmonicPrediction::bytes(const CageSize& size, BoundarySides side) {

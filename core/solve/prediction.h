@@ -28,9 +28,10 @@ class HarmonicPrediction {
   // index must outlive what comes of it. Errors: those of BoundarySolver::create.
   static Result<std::unique_ptr<const HarmonicPrediction>> create(const Cage<3>& cage, const DistanceIndex<3>& distance,
                                                                   BoundarySides side);
-  // Whether the cage is one that a prediction pays for. Errors: kInvalidArgument ("estimator": too many elements or
-  // control vertices).
-  static Status check(const Cage<3>& cage);
+  // Whether a cage is one that a prediction pays for: beyond these sizes solving takes more than half a second, and the
+  // table of what is missing too much memory. Errors: kInvalidArgument ("estimator").
+  static constexpr uint64_t kTrianglesMost = 500, kVerticesMost = 300;
+  static Status check(uint64_t surface_triangles, uint64_t control_vertices);
 
   const BoundaryData& data() const { return parts_.data; }
   Eigen::Index columns() const { return data().count(); }
@@ -52,7 +53,6 @@ class HarmonicPrediction {
   struct CageSize {
     size_t elements, triangles, control_vertices;
   };
-  static CageSize size_of(const Cage<3>& cage);
   static size_t bytes(const CageSize& cage, BoundarySides side);
   static size_t solving_bytes(const CageSize& cage, BoundarySides side);
 

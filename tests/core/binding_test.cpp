@@ -12,6 +12,7 @@
 #include <thread>
 
 #include "bind/cost.h"
+#include "solve/prediction.h"
 #include "support/rows.h"
 
 namespace barycast {
@@ -21,17 +22,55 @@ TEST(Options, FollowThePresetUnlessSet) {
   Options options;
   const auto standard = resolve(options, true);
   ASSERT_TRUE(standard.ok());
-  EXPECT_EQ(standard->samples, 50u);
+  EXPECT_EQ(standard->estimator, Estimator::kPredicted);
+  EXPECT_EQ(standard->samples, 12u);
   EXPECT_EQ(standard->walk_steps_max, 300u);
   EXPECT_EQ(standard->prune_below, 1e-4);
   EXPECT_EQ(standard->denoise, Denoise::kMesh);
   EXPECT_EQ(resolve(options, false)->denoise, Denoise::kNone);
   options.preset = Preset::kPaper;
   const auto paper = resolve(options, true);
+  EXPECT_EQ(paper->estimator, Estimator::kSampling);
+  EXPECT_EQ(paper->samples, 50u);
   EXPECT_EQ(paper->walk_steps_max, 20u);
   EXPECT_EQ(paper->prune_below, 0.0);
   options.walk_steps_max = 300;
   EXPECT_EQ(resolve(options, true)->walk_steps_max, 300u);
+}
+
+// What is not asked for gives way where the cage does not allow it; what is asked for is refused there.
+TEST(Options, SettleForSamplesWhereTheCageIsTooLarge) {
+  const ResolvedOptions unset = *resolve({}, true), given = *resolve({.samples = 7}, true),
+                        chosen = *resolve({.estimator = Estimator::kPredicted}, true);
+  constexpr uint64_t kTriangles = HarmonicPrediction::kTrianglesMost, kVertices = HarmonicPrediction::kVerticesMost;
+  EXPECT_EQ(settle(unset, 3, kVertices, kTriangles).estimator, Estimator::kPredicted);
+  for (const ResolvedOptions& large :
+       {settle(unset, 3, kVertices, kTriangles + 1), settle(unset, 3, kVertices + 1, kTriangles)}) {
+    EXPECT_EQ(large.estimator, Estimator::kSampling);
+    EXPECT_EQ(large.samples, 50u);
+    EXPECT_TRUE(large.unpredicted);
+    EXPECT_EQ(settle(large, 3, kVertices, kTriangles).samples, 50u);  // again changes nothing
+  }
+  EXPECT_EQ(settle(unset, 2, 8, 0).estimator, Estimator::kSampling);
+  EXPECT_FALSE(settle(unset, 2, 8, 0).unpredicted);
+  EXPECT_EQ(settle(given, 3, kVertices + 1, kTriangles).samples, 7u);
+  EXPECT_EQ(settle(chosen, 3, kVertices + 1, kTriangles).estimator, Estimator::kPredicted);
+}
+
+TEST(CageIndex, SaysThatItsCageIsTooLargeToBePredicted) {
+  const testing::Shape shape = testing::sphere(20, 1.0);
+  const auto index = testing::make_index(shape);
+  ASSERT_GT(index->surface_triangles(), HarmonicPrediction::kTrianglesMost);
+  BindingSummary summary;
+  const QueryInput points = testing::loose_points({0, 0, 0, 0.2, 0.1, 0});
+  testing::bind_or_die(index, points, {}, &summary);
+  ASSERT_EQ(summary.warnings.size(), 1u);
+  EXPECT_EQ(summary.warnings[0].field, "estimator");
+  EXPECT_EQ(summary.samples, 100u);
+  const auto refused = bind_all(index, points, *resolve({.estimator = Estimator::kPredicted}, false));
+  ASSERT_FALSE(refused.ok());
+  EXPECT_EQ(refused.error().code, ErrorCode::kInvalidArgument);
+  EXPECT_EQ(refused.error().field, "estimator");
 }
 
 TEST(Options, AreRefusedByName) {
@@ -102,7 +141,8 @@ TEST(Lazy, AFailureReachesAllAndIsTriedAgain) {
 // Each kind of coordinates has its structures, and what another kind built changes no bit.
 TEST(CageIndex, BuildsWhatAKindAsksFor) {
   const testing::Shape shape = testing::sphere(6, 1.0);
-  const auto harmonic = *resolve({}, false), mean_value = *resolve({.coordinates = CoordinateKind::kMeanValue}, false);
+  const auto harmonic = *resolve({.estimator = Estimator::kSampling}, false),
+             mean_value = *resolve({.coordinates = CoordinateKind::kMeanValue}, false);
   const auto index = *CageIndex::create(shape.input());
   const size_t empty = index->bytes();
   const QueryInput points = testing::loose_points(testing::random_points(50, 3, -1.2, 1.2, 1));

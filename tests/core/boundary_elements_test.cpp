@@ -27,7 +27,8 @@ const CageStructures<3>& structures_of(const CageIndex& index) {
 }
 
 std::unique_ptr<const Solution<3>> solve(const CageIndex& index, uint32_t panels, bool moments = true) {
-  auto solver = BoundarySolver::create(structures_of(index).cage, {.panels = panels, .sides = moments ? BoundarySides::kBoth : BoundarySides::kInside});
+  auto solver = BoundarySolver::create(
+      structures_of(index).cage, {.panels = panels, .sides = moments ? BoundarySides::kBoth : BoundarySides::kInside});
   EXPECT_TRUE(solver.ok());
   while ((*solver)->done() < (*solver)->total()) (*solver)->advance();
   return (*solver)->take(*structures_of(index).walks, *structures_of(index).winding);

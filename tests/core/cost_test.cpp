@@ -57,7 +57,7 @@ BindingSize size_of(const CageIndex& index, const QueryInput& queries) {
           .control_vertices = index.control_vertex_count(),
           .stencil_max = index.stencil_max(),
           .elements = index.element_count(),
-          .triangles = index.triangle_count(),
+          .triangles = index.surface_triangles(),
           .closed = index.is_closed(),
           .points = queries.points.size() / 3,
           .faces = queries.face_offsets.empty() ? 0 : queries.face_offsets.size() - 1,

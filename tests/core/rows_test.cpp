@@ -12,6 +12,7 @@ using testing::Shape;
 Options with(Preset preset, uint32_t samples, bool gradients = true) {
   Options options;
   options.preset = preset;
+  options.estimator = Estimator::kSampling;
   options.samples = samples;
   options.gradients = gradients;
   return options;

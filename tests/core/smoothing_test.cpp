@@ -342,6 +342,7 @@ TEST(Smoothing, AcceptsTheTimeOfAnEarlierAnswer) {
 double chosen_time(const QueryInput& mesh, Preset preset, CoordinateKind kind, uint32_t samples) {
   Options options;
   options.preset = preset;
+  options.estimator = Estimator::kSampling;
   options.coordinates = kind;
   options.samples = samples;
   BindingSummary summary;

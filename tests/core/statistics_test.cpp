@@ -132,6 +132,7 @@ Means means_over_seeds(const Shape& shape, const std::vector<double>& points, ui
   std::vector<double> squares(rows * columns, 0.0);
   for (int s = 0; s < kSeeds; ++s) {
     Options options;
+    options.estimator = Estimator::kSampling;
     options.seed = first_seed + static_cast<uint64_t>(s);
     options.prune_below = 0.0;
     const RowBlock block = testing::bind_or_die(index, testing::loose_points(points), options);
