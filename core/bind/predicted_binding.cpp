@@ -162,20 +162,20 @@ class PredictedBinding final : public Binding {
     } else if (!estimator_.correct(points, cancel, task.workspace, task.places, task.corrections)) {
       return false;
     }
-    estimator_.predict(task.places, settings_.options.gradients, task.workspace,
-                       [&](size_t i, const CorrectedEstimator::Predicted& predicted) {
-                         finish_row(points[i], task.places[i], predicted, &task.corrections[i * columns()], rows[i]);
-                       });
+    estimator_.evaluate(points, task.places, task.corrections, settings_.options.gradients, task.workspace,
+                        [&](size_t i, const CorrectedEstimator::Rows& evaluated) {
+                          finish_row(points[i], task.places[i], evaluated, rows[i]);
+                        });
     return true;
   }
 
-  void finish_row(const Vec<3>& x, const CorrectedPoint& place, const CorrectedEstimator::Predicted& predicted,
-                  const float* correction, FinishedRow<3>& row) const {
+  void finish_row(const Vec<3>& x, const CorrectedPoint& place, const CorrectedEstimator::Rows& evaluated,
+                  FinishedRow<3>& row) const {
     Eigen::Index column = 0;
     for (const uint32_t v : cage_.used_vertices()) {
-      RowEntry<3> entry{v, predicted.values[column] + double{correction[column]}, Vec<3>::Zero()};
+      RowEntry<3> entry{v, evaluated.values[column], Vec<3>::Zero()};
       if (settings_.options.gradients)
-        for (Eigen::Index a = 0; a < 3; ++a) entry.gradient[a] = predicted.gradients[static_cast<size_t>(a)][column];
+        for (Eigen::Index a = 0; a < 3; ++a) entry.gradient[a] = evaluated.gradients[static_cast<size_t>(a)][column];
       row.entries.push_back(entry);
       ++column;
     }
@@ -216,6 +216,29 @@ class PredictedBinding final : public Binding {
   BindingSummary summary_;
 };
 
+// Whether samples of all points of a closed cage start inside. Ends early, with false, at a point whose do not, or when
+// cancelled.
+bool all_start_inside(const CageStructures<3>& structures, std::span<const Vec<3>> points, double thickness,
+                      const std::atomic<bool>& cancel) {
+  const Locator<3> locator(structures.cage, *structures.walks, *structures.winding, thickness);
+  std::atomic<bool> all = true;
+  parallel_for(points.size(), 256, [&](size_t begin, size_t end) {
+    std::vector<SampleQuery<3>> query;
+    std::array<Located<3>, 1> place;
+    for (size_t i = begin; i < end && all && !cancel; ++i) {
+      bool inside;
+      if ((*structures.walks).free_radius(points[i]) > 2 * thickness) {  // surely not on the cage
+        inside = structures.winding->inside(points[i]);
+      } else {
+        locator.locate(points.subspan(i, 1), 0, query, place);
+        inside = !starts_outside(place[0], query[0].origin, *structures.winding);
+      }
+      if (!inside) all = false;
+    }
+  });
+  return all && !cancel;
+}
+
 }  // namespace
 
 Result<std::unique_ptr<Binding>> create_predicted_binding(std::shared_ptr<const CageIndex> index,
@@ -223,7 +246,7 @@ Result<std::unique_ptr<Binding>> create_predicted_binding(std::shared_ptr<const 
                                                           const BindingSettings& settings,
                                                           const std::atomic<bool>& cancel) {
   // What is inside a closed cage was prepared with it; whether points are elsewhere the cage cannot know.
-  if (is_closed(structures.cage) && !all_inside(*structures.winding, queries.points, cancel)) {
+  if (is_closed(structures.cage) && !all_start_inside(structures, queries.points, settings.options.thickness, cancel)) {
     if (cancel) return Error{ErrorCode::kCancelled, "", "the request was cancelled"};
     const Status built = wait_for([&](std::function<void(Status)> then) {
       prepare_prediction(structures, BoundarySides::kElsewhere, std::move(then));

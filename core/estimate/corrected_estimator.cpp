@@ -18,6 +18,10 @@ BoundaryData::Row row_of(const HarmonicPrediction::Rows::Table& table, Eigen::In
 
 }  // namespace
 
+bool starts_outside(const Located<3>& place, const Vec<3>& origin, const WindingNumber<3>& winding) {
+  return place.on_cage ? !winding.inside(origin) : (place.flags & kRowOutside) != 0;
+}
+
 CorrectedEstimator::CorrectedEstimator(const Cage<3>& cage, const DistanceIndex<3>& distance,
                                        const WindingNumber<3>& winding, const HarmonicWalks<3>& walks,
                                        const HarmonicPrediction* inside, const HarmonicPrediction* elsewhere,
@@ -39,10 +43,10 @@ bool CorrectedEstimator::correct(std::span<const Vec<3>> points, const std::atom
   for (size_t i = 0; i < points.size(); ++i) {
     CorrectedPoint& place = places[i];
     place.origin = workspace.queries[i].origin;
-    place.elsewhere =
-        !is_closed_ || (place.on_cage ? !locator_.winding().inside(place.origin) : (place.flags & kRowOutside) != 0);
+    place.elsewhere = !is_closed_ || starts_outside(place, place.origin, locator_.winding());
     any_elsewhere |= place.elsewhere;
     place.counts = workspace.samples[i].counts;
+    if (workspace.samples[i].samples.empty()) place.flags |= kRowNoSamples;
     if (place.elsewhere) continue;
     std::vector<double>& missing = workspace.missing;
     missing.assign(columns(), 0.0);
@@ -56,21 +60,19 @@ bool CorrectedEstimator::correct(std::span<const Vec<3>> points, const std::atom
   return true;
 }
 
-void CorrectedEstimator::evaluate(std::span<const CorrectedPoint> points, bool elsewhere, bool gradients,
-                                  Workspace& workspace) const {
-  workspace.chosen.clear();
+void CorrectedEstimator::predict(std::span<const CorrectedPoint> places, bool elsewhere, bool gradients,
+                                 Workspace& workspace) const {
   workspace.points.clear();
-  for (size_t i = 0; i < points.size(); ++i) {
-    if (points[i].elsewhere != elsewhere) continue;
-    workspace.chosen.push_back(i);
-    workspace.points.push_back(points[i].origin);
-  }
+  for (const size_t i : workspace.chosen) workspace.points.push_back(places[i].origin);
   if (!workspace.chosen.empty()) prediction(elsewhere).evaluate(workspace.points, gradients, workspace.rows);
 }
 
 void CorrectedEstimator::correct_moments(std::span<const CorrectedPoint> points, Workspace& workspace,
                                          std::span<float> corrections) const {
-  evaluate(points, true, false, workspace);
+  workspace.chosen.clear();
+  for (size_t i = 0; i < points.size(); ++i)
+    if (points[i].elsewhere) workspace.chosen.push_back(i);
+  predict(points, true, false, workspace);
   const auto n = static_cast<Eigen::Index>(columns());
   BoundaryData::Row predicted(n), corrected(n);
   std::array<BoundaryData::Row, 3> no_gradients;
@@ -96,25 +98,51 @@ void CorrectedEstimator::correct_moments(std::span<const CorrectedPoint> points,
   }
 }
 
-void CorrectedEstimator::predict(std::span<const CorrectedPoint> points, bool gradients, Workspace& workspace,
-                                 const std::function<void(size_t, const Predicted&)>& row) const {
+// From moments and their gradients to coordinates and theirs.
+void CorrectedEstimator::project(const Vec<3>& origin, Rows& rows) const {
+  const Rows moments = rows;
   const auto n = static_cast<Eigen::Index>(columns());
-  Predicted predicted;
-  for (const bool elsewhere : {false, true}) {
-    evaluate(points, elsewhere, gradients, workspace);
-    for (size_t k = 0; k < workspace.chosen.size(); ++k) {
-      const auto at = static_cast<Eigen::Index>(k);
-      predicted.values = row_of(workspace.rows.values, at);
-      for (size_t a = 0; gradients && a < 3; ++a) predicted.gradients[a] = row_of(workspace.rows.gradients[a], at);
-      if (elsewhere) {
-        const BoundaryData::Row moments = predicted.values;
-        const std::array<BoundaryData::Row, 3> slopes = predicted.gradients;
-        predicted.values.resize(n);
-        project_moments(points[workspace.chosen[k]].origin, moments, slopes, n, predicted.values, predicted.gradients);
-      }
-      row(workspace.chosen[k], predicted);
-    }
+  rows.values.resize(n);
+  project_moments(origin, moments.values, moments.gradients, n, rows.values, rows.gradients);
+}
+
+// To the row of x from what is predicted where its samples start.
+void CorrectedEstimator::finish(const Vec<3>& x, const CorrectedPoint& place, std::span<const float> correction,
+                                Rows& rows) const {
+  if (place.elsewhere) project(place.origin, rows);
+  if (!place.on_cage) {
+    for (size_t v = 0; v < columns(); ++v) rows.values[static_cast<Eigen::Index>(v)] += double{correction[v]};
+    return;
   }
+  const CagePoint<3>& y = *place.on_cage;
+  prediction(place.elsewhere).data().values(y.element, y.shares, y.point, rows.values);
+  for (size_t k = 0; k < 3; ++k) {
+    const auto axis = static_cast<Eigen::Index>(k);
+    rows.values += (x[axis] - y.point[axis]) * rows.gradients[k];
+  }
+}
+
+void CorrectedEstimator::evaluate(std::span<const Vec<3>> points, std::span<const CorrectedPoint> places,
+                                  std::span<const float> corrections, bool gradients, Workspace& workspace,
+                                  const std::function<void(size_t, const Rows&)>& row) const {
+  Rows rows;
+  for (const bool elsewhere : {false, true})
+    for (const bool sloped : {false, true}) {
+      workspace.chosen.clear();
+      for (size_t i = 0; i < points.size(); ++i)
+        if (places[i].elsewhere == elsewhere && (gradients || places[i].on_cage) == sloped)
+          workspace.chosen.push_back(i);
+      predict(places, elsewhere, sloped, workspace);
+      for (BoundaryData::Row& partial : rows.gradients) partial.resize(0);
+      for (size_t k = 0; k < workspace.chosen.size(); ++k) {
+        const size_t i = workspace.chosen[k];
+        const auto at = static_cast<Eigen::Index>(k);
+        rows.values = row_of(workspace.rows.values, at);
+        for (size_t a = 0; sloped && a < 3; ++a) rows.gradients[a] = row_of(workspace.rows.gradients[a], at);
+        finish(points[i], places[i], corrections.subspan(i * columns(), columns()), rows);
+        row(i, rows);
+      }
+    }
 }
 
 }  // namespace barycast

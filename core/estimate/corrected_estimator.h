@@ -26,13 +26,18 @@ struct CorrectedPoint : Located<3> {
   SampleCounts counts;
 };
 
+// Whether samples of a point of a closed cage start outside of it. On the cage they do so where the place beside it is,
+// which may be beyond the opposite wall.
+bool starts_outside(const Located<3>& place, const Vec<3>& origin, const WindingNumber<3>& winding);
+
 class CorrectedEstimator {
  public:
   struct Settings {
     double thickness;
     uint64_t seed;
   };
-  // Predictions may be null where no point needs them: points of closed cages that are inside, and all others.
+  // Predictions may be null where no point needs them: those of closed cages whose samples start inside, and all
+  // others.
   CorrectedEstimator(const Cage<3>& cage, const DistanceIndex<3>& distance, const WindingNumber<3>& winding,
                      const HarmonicWalks<3>& walks, const HarmonicPrediction* inside,
                      const HarmonicPrediction* elsewhere, const Settings& settings);
@@ -43,7 +48,7 @@ class CorrectedEstimator {
   struct Workspace {
     std::vector<SampleQuery<3>> queries;
     std::vector<SampleSet<3>> samples;
-    std::vector<size_t> chosen;  // points of one side
+    std::vector<size_t> chosen;  // places of one side
     std::vector<Vec<3>> points;
     std::vector<double> missing;
     HarmonicPrediction::Rows rows;
@@ -55,19 +60,24 @@ class CorrectedEstimator {
   bool correct(std::span<const Vec<3>> points, const std::atomic<bool>& cancel, Workspace& workspace,
                std::span<CorrectedPoint> places, std::span<float> corrections) const;
 
-  // Values at the points' origins, and gradients per diagonal if asked for: columns() each.
-  struct Predicted {
-    Eigen::Matrix<double, 1, Eigen::Dynamic> values;
-    std::array<Eigen::Matrix<double, 1, Eigen::Dynamic>, 3> gradients;
+  // A row of columns() values, and of their gradients per diagonal.
+  struct Rows {
+    BoundaryData::Row values;
+    std::array<BoundaryData::Row, 3> gradients;  // of a point on the cage, or if asked for; else empty
   };
-  // Calls row(i, predicted) for every point, in no particular order. Const and thread-safe, a workspace per thread.
-  void predict(std::span<const CorrectedPoint> points, bool gradients, Workspace& workspace,
-               const std::function<void(size_t, const Predicted&)>& row) const;
+  // Predictions with their corrections: calls row(i, rows) for every point, in no particular order. On the cage, with
+  // the prediction's gradient g where samples start, phi_v(y) + g_v . (x - y) [SBC 4.5], which is exact there. Const
+  // and thread-safe, a workspace per thread.
+  void evaluate(std::span<const Vec<3>> points, std::span<const CorrectedPoint> places,
+                std::span<const float> corrections, bool gradients, Workspace& workspace,
+                const std::function<void(size_t, const Rows&)>& row) const;
 
  private:
   const HarmonicPrediction& prediction(bool elsewhere) const { return elsewhere ? *elsewhere_ : *inside_; }
-  // Evaluates those of the points that are on one side, in the order of `chosen`.
-  void evaluate(std::span<const CorrectedPoint> points, bool elsewhere, bool gradients, Workspace& workspace) const;
+  // Evaluates a prediction at the origins of the chosen places, all on one side.
+  void predict(std::span<const CorrectedPoint> places, bool elsewhere, bool gradients, Workspace& workspace) const;
+  void project(const Vec<3>& origin, Rows& rows) const;
+  void finish(const Vec<3>& x, const CorrectedPoint& place, std::span<const float> correction, Rows& rows) const;
   void correct_moments(std::span<const CorrectedPoint> points, Workspace& workspace,
                        std::span<float> corrections) const;
 

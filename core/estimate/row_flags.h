@@ -9,8 +9,8 @@ namespace barycast {
 enum RowFlags : uint8_t {
   kRowOnCage = 1,          // within the thickness: the cage's basis, extended to first order
   kRowOutside = 2,         // generalized winding number below one half in magnitude
-  kRowFewSamples = 4,      // fewer than kSamplesFew samples arrived
-  kRowNoSamples = 8,       // none arrived: the affine least-squares row
+  kRowFewSamples = 4,      // fewer than kSamplesFew samples arrived, and there was no prediction to correct
+  kRowNoSamples = 8,       // none arrived: the affine least-squares row, or the prediction alone
   kRowRankDeficient = 16,  // pseudo-samples stepped in for a singular moment matrix
 };
 

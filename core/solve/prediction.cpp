@@ -58,9 +58,14 @@ Result<std::unique_ptr<const HarmonicPrediction>> HarmonicPrediction::create(con
   auto solver = BoundarySolver::create(cage, {.panels = panels_wanted(cage), .sides = side});
   if (!solver) return solver.error();
   while ((*solver)->done() < (*solver)->total()) (*solver)->advance();
-  std::unique_ptr<HarmonicPrediction> prediction(new HarmonicPrediction(cage, distance, (*solver)->take_parts()));
+  return of(cage, distance, (*solver)->take_parts());
+}
+
+std::unique_ptr<const HarmonicPrediction> HarmonicPrediction::of(const Cage<3>& cage, const DistanceIndex<3>& distance,
+                                                                 BoundaryParts parts) {
+  std::unique_ptr<HarmonicPrediction> prediction(new HarmonicPrediction(cage, distance, std::move(parts)));
   prediction->find_missing();
-  return std::unique_ptr<const HarmonicPrediction>(std::move(prediction));
+  return prediction;
 }
 
 HarmonicPrediction::HarmonicPrediction(const Cage<3>& cage, const DistanceIndex<3>& distance, BoundaryParts parts)

@@ -28,6 +28,9 @@ class HarmonicPrediction {
   // index must outlive what comes of it. Errors: those of BoundarySolver::create.
   static Result<std::unique_ptr<const HarmonicPrediction>> create(const Cage<3>& cage, const DistanceIndex<3>& distance,
                                                                   BoundarySides side);
+  // From what was solved for: of this cage, or anything else that is harmonic off it. Only noise depends on that.
+  static std::unique_ptr<const HarmonicPrediction> of(const Cage<3>& cage, const DistanceIndex<3>& distance,
+                                                      BoundaryParts parts);
   // Whether a cage is one that a prediction pays for: beyond these sizes solving takes more than half a second, and the
   // table of what is missing too much memory. Errors: kInvalidArgument ("estimator").
   static constexpr uint64_t kTrianglesMost = 500, kVerticesMost = 300;
