@@ -28,7 +28,8 @@ from table import HEAD, line_of
 KINDS = ("harmonic", "mean-value", "positive-mean-value")
 # What each preset of this program asks of the service, and for which kinds.
 PRESETS = {"paper": ({"preset": "paper"}, KINDS), "default": ({"preset": "default"}, KINDS),
-           "paper-300": ({"preset": "paper", "walk_steps_max": 300}, ("harmonic",))}
+           "paper-300": ({"preset": "paper", "walk_steps_max": 300}, ("harmonic",)),
+           "predicted": ({"estimator": "predicted"}, ("harmonic",))}
 ESTIMATORS = {"boundary-element": ({"estimator": "boundary-element"}, ("harmonic",)),
               "exact": ({"estimator": "exact"}, ("mean-value",))}
 TIMEOUT_SECONDS = 1800
@@ -75,7 +76,8 @@ def settings_of(kind, arguments):
     for name in arguments.preset:
         options, kinds = PRESETS[name]
         if kind not in kinds:
-            note(f"{name} differs from paper in walks only, and {kind} has none: skipped")
+            note(f"{kind} is not predicted: skipped" if name == "predicted" else
+                 f"{name} differs from paper in walks only, and {kind} has none: skipped")
             continue
         for m in arguments.samples:
             for denoise in arguments.denoise:

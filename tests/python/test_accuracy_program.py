@@ -44,10 +44,11 @@ def measured(real_daemon, environment, tmp_path):
 def test_harmonic(measured, tmp_path):
     options = ["--coordinates", "harmonic", "--samples", "20", "--seeds", "2", "--panels", "300",
                "--plot", tmp_path / "out.png"]
+    options += ["--preset", "paper", "default", "predicted"]
     done, records = measured(BOX_QUADS, *options, "--estimator", "boundary-element", "--estimator-panels", "100")
     assert done.returncode == 0, done.stderr
-    # Four sets; two presets, denoised and not; and the boundary elements.
-    assert len(records) == 4 * (2 * 2 + 1) == len(done.stdout.splitlines()) - 1
+    # Four sets; two presets and the corrected prediction, denoised and not; and the boundary elements.
+    assert len(records) == 4 * (3 * 2 + 1) == len(done.stdout.splitlines()) - 1
     assert (tmp_path / "out.png").stat().st_size > 0
     assert {r["set"] for r in records} == {"inside", "near", "on", "outside"}
     keys = {"cage", "model", "coordinates", "preset", "m", "panels", "denoise", "set", "E_rms", "E_median", "E_p99",
@@ -64,6 +65,7 @@ def test_harmonic(measured, tmp_path):
     error = {(r["set"], r["preset"], r["denoise"]): r["E_rms"] for r in records}
     for name in ("inside", "outside"):
         assert error[name, "boundary-element", "none"] < 0.1 * error[name, "default", "none"]
+        assert error[name, "predicted", "none"] < 0.2 * error[name, "default", "none"]
     assert error["on", "default", "none"] < 1e-12
 
     # References are kept, and the same run gives the same figures.
@@ -76,9 +78,10 @@ def test_harmonic(measured, tmp_path):
 
 def test_exact_mean_value(measured):
     done, records = measured(BOX_TRIANGLES, "--coordinates", "mean-value", "--samples", "20", "--denoise", "none",
-                             "--preset", "paper", "paper-300", "--estimator", "exact", "boundary-element")
+                             "--preset", "paper", "paper-300", "predicted", "--estimator", "exact", "boundary-element")
     assert done.returncode == 0, done.stderr
     assert "paper-300 differs from paper in walks only" in done.stderr
+    assert "mean-value is not predicted" in done.stderr
     assert "boundary-element does not compute mean-value" in done.stderr
     assert {(r["preset"], r["m"]) for r in records} == {("paper", 20), ("exact", None)}
     for record in records:
