@@ -49,7 +49,9 @@ ResidualTable::Node ResidualTable::node(size_t i) const {
 
 ResidualTable::Cell ResidualTable::cell(double t) const {
   const size_t last = position_.size() - 2;
-  const double root = std::sqrt(std::max(0.0, t)), rest = std::sqrt(std::max(0.0, 1 - t));
+  // Next to a triangle's first corner rounding may make any ratio of its shares.
+  t = std::clamp(t, 0.0, 1.0);
+  const double root = std::sqrt(t), rest = std::sqrt(1 - t);
   size_t first = std::min(last, static_cast<size_t>(root / (root + rest) * static_cast<double>(last + 1)));
   // Rounding may find the cell beside it.
   if (first > 0 && t < position_[first]) --first;
