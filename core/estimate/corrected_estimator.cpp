@@ -9,7 +9,7 @@ namespace barycast {
 namespace {
 
 // Sums of what is missing may leave less mass than this part of the predicted one only where walks hardly hit: there
-// the prediction alone is better.
+// the prediction alone is better, as where they leave moments that do not span space.
 constexpr double kMassMin = 0.5;
 
 BoundaryData::Row row_of(const HarmonicPrediction::Rows::Table& table, Eigen::Index row) {
@@ -67,7 +67,7 @@ void CorrectedEstimator::predict(std::span<const CorrectedPoint> places, bool el
   if (!workspace.chosen.empty()) prediction(elsewhere).evaluate(workspace.points, gradients, workspace.rows);
 }
 
-void CorrectedEstimator::correct_moments(std::span<const CorrectedPoint> points, Workspace& workspace,
+void CorrectedEstimator::correct_moments(std::span<CorrectedPoint> points, Workspace& workspace,
                                          std::span<float> corrections) const {
   workspace.chosen.clear();
   for (size_t i = 0; i < points.size(); ++i)
@@ -83,14 +83,17 @@ void CorrectedEstimator::correct_moments(std::span<const CorrectedPoint> points,
     for (const Sample<3>& sample : workspace.samples[i].samples)
       elsewhere_->add_missing(sample.element, sample.shares, sample.weight, missing);
     BoundaryData::Row moments = row_of(workspace.rows.values, static_cast<Eigen::Index>(k));
-    project_moments(points[i].origin, moments, {}, n, predicted, no_gradients);
+    const bool spans = project_moments(points[i].origin, moments, {}, n, predicted, no_gradients);
     const double mass = moments.head(n).sum();
     moments += Eigen::Map<const BoundaryData::Row>(missing.data(), elsewhere_->columns()) /
                static_cast<double>(points[i].counts.started);
     const std::span<float> row = corrections.subspan(i * columns(), columns());
-    std::fill(row.begin(), row.end(), 0.0f);
-    if (moments.head(n).sum() < kMassMin * mass) continue;
-    project_moments(points[i].origin, moments, {}, n, corrected, no_gradients);
+    if (moments.head(n).sum() < kMassMin * mass ||
+        !project_moments(points[i].origin, moments, {}, n, corrected, no_gradients)) {
+      std::fill(row.begin(), row.end(), 0.0f);
+      if (!spans) points[i].flags |= kRowRankDeficient;
+      continue;
+    }
     for (size_t v = 0; v < columns(); ++v) {
       const auto c = static_cast<Eigen::Index>(v);
       row[v] = static_cast<float>(corrected[c] - predicted[c]);

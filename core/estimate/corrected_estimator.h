@@ -78,8 +78,7 @@ class CorrectedEstimator {
   void predict(std::span<const CorrectedPoint> places, bool elsewhere, bool gradients, Workspace& workspace) const;
   void project(const Vec<3>& origin, Rows& rows) const;
   void finish(const Vec<3>& x, const CorrectedPoint& place, std::span<const float> correction, Rows& rows) const;
-  void correct_moments(std::span<const CorrectedPoint> points, Workspace& workspace,
-                       std::span<float> corrections) const;
+  void correct_moments(std::span<CorrectedPoint> points, Workspace& workspace, std::span<float> corrections) const;
 
   const Cage<3>& cage_;
   Locator<3> locator_;

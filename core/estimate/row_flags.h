@@ -11,7 +11,7 @@ enum RowFlags : uint8_t {
   kRowOutside = 2,         // generalized winding number below one half in magnitude
   kRowFewSamples = 4,      // fewer than kSamplesFew samples arrived, and there was no prediction to correct
   kRowNoSamples = 8,       // none arrived: the affine least-squares row, or the prediction alone
-  kRowRankDeficient = 16,  // pseudo-samples stepped in for a singular moment matrix
+  kRowRankDeficient = 16,  // the moment matrix was singular: pseudo-samples stepped in, or a direction was left out
 };
 
 }  // namespace barycast
