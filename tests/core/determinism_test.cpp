@@ -40,7 +40,7 @@ RowBlock in_arena(int threads, const std::shared_ptr<const CageIndex>& index, co
   return rows;
 }
 
-class Determinism : public ::testing::TestWithParam<std::tuple<Preset, CoordinateKind>> {
+class Determinism : public ::testing::TestWithParam<std::tuple<Preset, CoordinateKind, Estimator>> {
  protected:
   std::shared_ptr<const CageIndex> index_ = testing::make_index(testing::mixed_prism());
   std::vector<double> points_ = testing::random_points(300, 3, -1.5, 1.5, 1);
@@ -48,6 +48,7 @@ class Determinism : public ::testing::TestWithParam<std::tuple<Preset, Coordinat
     Options options = gradients_too();
     options.preset = std::get<Preset>(GetParam());
     options.coordinates = std::get<CoordinateKind>(GetParam());
+    options.estimator = std::get<Estimator>(GetParam());
     return options;
   }();
 };
@@ -145,18 +146,26 @@ TEST_P(Determinism, SeedsDiffer) {
   EXPECT_FALSE(same_bytes(rows, testing::bind_or_die(index_, testing::loose_points(points_), options_)));
 }
 
-std::string name_of(const ::testing::TestParamInfo<std::tuple<Preset, CoordinateKind>>& info) {
-  const auto [preset, kind] = info.param;
-  return std::string(preset == Preset::kPaper ? "Paper" : "Default") + (kind == CoordinateKind::kHarmonic ? "Harmonic"
-                                                                        : kind == CoordinateKind::kMeanValue
-                                                                            ? "MeanValue"
-                                                                            : "PositiveMeanValue");
+using Parameters = std::tuple<Preset, CoordinateKind, Estimator>;
+std::string name_of(const ::testing::TestParamInfo<Parameters>& info) {
+  const auto [preset, kind, estimator] = info.param;
+  return std::string(estimator == Estimator::kPredicted ? "Predicted"
+                     : preset == Preset::kPaper         ? "Paper"
+                                                        : "Default") +
+         (kind == CoordinateKind::kHarmonic    ? "Harmonic"
+          : kind == CoordinateKind::kMeanValue ? "MeanValue"
+                                               : "PositiveMeanValue");
 }
 
 INSTANTIATE_TEST_SUITE_P(PresetsAndKinds, Determinism,
                          ::testing::Combine(::testing::Values(Preset::kDefault, Preset::kPaper),
                                             ::testing::Values(CoordinateKind::kHarmonic, CoordinateKind::kMeanValue,
-                                                              CoordinateKind::kPositiveMeanValue)),
+                                                              CoordinateKind::kPositiveMeanValue),
+                                            ::testing::Values(Estimator::kSampling)),
+                         name_of);
+INSTANTIATE_TEST_SUITE_P(OfPredictions, Determinism,
+                         ::testing::Values(Parameters{Preset::kDefault, CoordinateKind::kHarmonic,
+                                                      Estimator::kPredicted}),
                          name_of);
 
 }  // namespace

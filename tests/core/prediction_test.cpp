@@ -1,0 +1,244 @@
+// Harmonic coordinates by prediction and correction: where they converge to, however good the prediction is.
+
+#include "solve/prediction.h"
+
+#include <gtest/gtest.h>
+
+#include "estimate/corrected_estimator.h"
+#include "query/element_distance.h"
+#include "support/seeds.h"
+
+namespace barycast {
+namespace {
+
+using testing::OverSeeds;
+using testing::Shape;
+
+const CageStructures<3>& structures_of(const CageIndex& index) {
+  return *std::get<std::unique_ptr<const CageStructures<3>>>(index.structures());
+}
+
+BoundaryParts solved(const CageStructures<3>& structures, BoundarySides side, uint32_t panels) {
+  auto solver = BoundarySolver::create(structures.cage, {.panels = panels, .sides = side});
+  EXPECT_TRUE(solver.ok());
+  while ((*solver)->done() < (*solver)->total()) (*solver)->advance();
+  return (*solver)->take_parts();
+}
+
+// An estimator with predictions of its own.
+class Corrected {
+ public:
+  using Change = void (*)(DensityGroups&);
+
+  // Applies `change` to what is solved for.
+  Corrected(const CageIndex& index, uint32_t panels, uint32_t walks, double thickness, Change change)
+      : structures_(structures_of(index)), walks_(walks), thickness_(thickness) {
+    BoundaryParts inside = solved(structures_, BoundarySides::kInside, panels),
+                  elsewhere = solved(structures_, BoundarySides::kElsewhere, panels);
+    for (BoundaryParts* parts : {&inside, &elsewhere}) {
+      change(parts->densities.inside);
+      change(parts->densities.indirect);
+    }
+    inside_ = HarmonicPrediction::of(structures_.cage, *structures_.walks, std::move(inside));
+    elsewhere_ = HarmonicPrediction::of(structures_.cage, *structures_.walks, std::move(elsewhere));
+  }
+
+  struct Rows {
+    std::vector<Eigen::VectorXd> predicted, corrected;
+  };
+  // Of points in the cage's units; columns are those of the control vertices, all of which are used.
+  Rows operator()(const std::vector<double>& points, uint64_t seed) const {
+    const CorrectedEstimator estimator(structures_.cage, *structures_.walks, *structures_.winding,
+                                       HarmonicWalks<3>(*structures_.walks, {.walks = walks_, .thickness = thickness_}),
+                                       inside_.get(), elsewhere_.get(), {.thickness = thickness_, .seed = seed});
+    std::vector<Vec<3>> normalized;
+    for (size_t i = 0; i < points.size(); i += 3)
+      normalized.push_back(structures_.cage.frame().to_normalized(Eigen::Map<const Vec<3>>(&points[i])));
+    CorrectedEstimator::Workspace workspace;
+    std::vector<CorrectedPoint> places(normalized.size());
+    std::vector<float> corrections(normalized.size() * estimator.columns());
+    EXPECT_TRUE(estimator.correct(normalized, kNeverCancelled, workspace, places, corrections));
+    Rows rows;
+    rows.predicted.resize(normalized.size());
+    rows.corrected.resize(normalized.size());
+    const auto keep = [](std::vector<Eigen::VectorXd>& out) {
+      return [&out](size_t i, const CorrectedEstimator::Rows& row) { out[i] = row.values.transpose(); };
+    };
+    estimator.evaluate(normalized, places, corrections, false, workspace, keep(rows.corrected));
+    std::fill(corrections.begin(), corrections.end(), 0.0f);
+    estimator.evaluate(normalized, places, corrections, false, workspace, keep(rows.predicted));
+    return rows;
+  }
+
+ private:
+  const CageStructures<3>& structures_;
+  uint32_t walks_;
+  double thickness_;
+  std::unique_ptr<const HarmonicPrediction> inside_, elsewhere_;
+};
+
+void right(DensityGroups&) {}
+void too_small_on_half_of_the_cage(DensityGroups& groups) {
+  for (auto& columns : groups) columns.topRows(columns.rows() / 2) *= 0.8;
+}
+// Those of other control vertices: of the box, of those across.
+void of_others(DensityGroups& groups) {
+  if (!groups.empty()) groups[0].leftCols<8>() = groups[0].leftCols<8>().rowwise().reverse().eval();
+}
+
+std::vector<Eigen::VectorXd> trilinear_rows(const std::vector<double>& points) {
+  std::vector<Eigen::VectorXd> rows;
+  for (size_t i = 0; i < points.size(); i += 3)
+    rows.push_back(testing::trilinear(Eigen::Map<const Vec<3>>(&points[i])));
+  return rows;
+}
+
+double root_mean_square(const std::vector<Eigen::VectorXd>& a, const std::vector<Eigen::VectorXd>& b) {
+  return std::sqrt(testing::squared_difference(a, b) / double(a.size()));
+}
+
+TEST(Prediction, HasAFractionOfTheErrorOfAsManySamplesInABox) {
+  const auto index = testing::make_index(testing::box());
+  const auto points = testing::random_points(200, 3, -0.95, 0.95, 2);
+  const auto error = [&](Estimator estimator) {
+    const RowBlock block = testing::bind_or_die(index, testing::loose_points(points),
+                                                {.estimator = estimator, .samples = 12, .prune_below = 0.0});
+    std::vector<Eigen::VectorXd> rows;
+    for (size_t i = 0; i < 200; ++i) rows.push_back(testing::row_vector(block, i, 8));
+    return root_mean_square(rows, trilinear_rows(points));
+  };
+  const double predicted = error(Estimator::kPredicted);
+  EXPECT_LT(predicted, 1e-3);
+  EXPECT_LT(30 * predicted, error(Estimator::kSampling));
+}
+
+TEST(Prediction, LeavesLessToCorrectWithMorePanels) {
+  const auto index = testing::make_index(testing::box());
+  const auto points = testing::random_points(100, 3, -0.9, 0.9, 3);
+  const auto correction = [&](uint32_t panels) {
+    const Corrected::Rows rows = Corrected(*index, panels, 12, 1e-3, right)(points, 1);
+    return root_mean_square(rows.predicted, rows.corrected);
+  };
+  const double coarse = correction(24), middle = correction(96), fine = correction(384);
+  EXPECT_LT(middle, 0.5 * coarse);
+  EXPECT_LT(fine, 0.5 * middle);
+  EXPECT_LT(fine, 1e-3);
+}
+
+// Whatever the prediction: it is wrong here, and the mean of its corrections is right.
+TEST(Prediction, ThatIsWrongIsCorrectedInABox) {
+  const auto index = testing::make_index(testing::box());
+  const auto points = testing::random_points(10, 3, -0.9, 0.9, 4);
+  const auto exact = trilinear_rows(points);
+  for (const Corrected::Change change : {too_small_on_half_of_the_cage, of_others}) {
+    const Corrected estimator(*index, 120, 2000, 1e-4, change);
+    std::vector<Corrected::Rows> rows;
+    for (uint64_t seed = 0; seed < 8; ++seed) rows.push_back(estimator(points, seed));
+    EXPECT_GT(root_mean_square(rows[0].predicted, exact), 0.01);
+    const OverSeeds corrected =
+        testing::over_seeds(10, 8, [&](uint64_t seed, size_t i) { return rows[seed].corrected[i]; });
+    // The table of what is missing is bilinear between its nodes.
+    EXPECT_LT(testing::squared_difference(corrected.mean, exact), 1.6 * corrected.noise + 10 * 1e-3 * 1e-3);
+    EXPECT_LT(corrected.noise / 10, 2e-3 * 2e-3);
+  }
+}
+
+// Outside, and where the cage is open, moments are corrected: those of plain walks tell where to.
+TEST(Prediction, ThatIsWrongIsCorrectedElsewhere) {
+  for (const Shape& shape : {testing::box(), testing::open_box()}) {
+    const auto index = testing::make_index(shape);
+    const auto points = testing::random_points(10, 3, -1.6, 1.6, 5);
+    const OverSeeds plain = testing::over_seeds(index, testing::loose_points(points),
+                                                {.samples = 3000, .thickness = 2e-4, .prune_below = 0.0}, 8);
+    for (const Corrected::Change change : {too_small_on_half_of_the_cage, of_others}) {
+      const Corrected estimator(*index, 120, 3000, 2e-4, change);
+      std::vector<Corrected::Rows> rows;
+      for (uint64_t seed = 0; seed < 8; ++seed) rows.push_back(estimator(points, 100 + seed));
+      EXPECT_GT(root_mean_square(rows[0].predicted, plain.mean), 0.02);
+      const OverSeeds corrected =
+          testing::over_seeds(10, 8, [&](uint64_t seed, size_t i) { return rows[seed].corrected[i]; });
+      EXPECT_LT(testing::squared_difference(corrected.mean, plain.mean),
+                1.6 * (corrected.noise + plain.noise) + 10 * 3e-3 * 3e-3);
+      EXPECT_LT(corrected.noise / 10, 0.02 * 0.02);
+    }
+  }
+}
+
+// Below a twisted patch a line crosses flat panels, where dipoles jump: the prediction is continued beyond them.
+TEST(Prediction, InsideNothingJumpsBelowTwistedQuads) {
+  const auto index = testing::make_index(testing::bent_prism());
+  const CageStructures<3>& structures = structures_of(*index);
+  const auto prediction =
+      HarmonicPrediction::of(structures.cage, *structures.walks, solved(structures, BoundarySides::kInside, 100));
+  const double step = 1e-4;
+  size_t steps = 0;
+  for (uint32_t e = 0; e < structures.cage.elements().size(); ++e)
+    for (const auto& at : {Vec<2>(0.2, 0.3), Vec<2>(0.5, 0.85), Vec<2>(0.76, 0.41)}) {
+      const Element& element = structures.cage.elements()[e];
+      const BilinearPatch patch = patch_of(structures.cage, element);
+      const auto shares = patch.shares(at[0], at[1]);
+      const Vec<3> inward = -structures.cage.orientation() * element_normal(structures.cage, element, shares);
+      std::vector<Vec<3>> points;
+      for (int i = 0; i < 200; ++i) points.push_back(patch.at(at[0], at[1]) + (1e-9 + i * step) * inward);
+      if (!std::all_of(points.begin() + 1, points.end(), [&](const auto& x) { return structures.winding->inside(x); }))
+        continue;
+      HarmonicPrediction::Rows rows;
+      prediction->evaluate(points, false, rows);
+      for (Eigen::Index i = 1; i < rows.values.rows(); ++i, ++steps)
+        EXPECT_LT((rows.values.row(i) - rows.values.row(i - 1)).norm(), 40 * step) << e << ", step " << i;
+      // On the patch what is predicted and what it misses make the basis.
+      std::vector<double> sum(static_cast<size_t>(prediction->columns()));
+      prediction->add_missing(e, shares, 1.0, sum);
+      BoundaryData::Row basis(prediction->columns());
+      prediction->data().values(e, shares, points[0], basis);
+      for (Eigen::Index v = 0; v < basis.size(); ++v)
+        EXPECT_NEAR(double{rows.values(0, v)} + sum[static_cast<size_t>(v)], basis[v], 0.01) << e << ", column " << v;
+    }
+  EXPECT_GT(steps, 3000u);
+}
+
+// Inside, outside, closed, open, and what has no inside: as many walks with a prediction and without.
+struct Case {
+  const char* name;
+  Shape shape;
+  double bias = 1e-3;
+};
+void PrintTo(const Case& some, std::ostream* out) {
+  *out << some.name;
+}
+Shape without_lids() {
+  Shape shape = testing::bent_prism();
+  shape.quads.resize(8 * 4);
+  return shape;
+}
+
+class PredictedRowsOf : public ::testing::TestWithParam<Case> {};
+
+TEST_P(PredictedRowsOf, ConvergeToWhereSamplesDo) {
+  constexpr size_t kPoints = 10;
+  const auto index = testing::make_index(GetParam().shape);
+  const QueryInput queries = testing::loose_points(testing::random_points(kPoints, 3, -1.6, 1.6, 6));
+  Options options{.samples = 600, .thickness = 2e-4, .prune_below = 0.0};
+  const OverSeeds plain = testing::over_seeds(index, queries, options, 6);
+  options.estimator = Estimator::kPredicted;
+  options.seed = 1000;
+  const OverSeeds predicted = testing::over_seeds(index, queries, options, 6);
+  // Of pseudo-samples, and of lines between the nodes of the table of what is missing, which do not follow a cut.
+  const double bias = GetParam().bias;
+  EXPECT_LT(testing::squared_difference(plain.mean, predicted.mean),
+            1.6 * (plain.noise + predicted.noise) + kPoints * bias * bias);
+  EXPECT_LT(predicted.noise, plain.noise);
+  EXPECT_LT(plain.noise / kPoints, 0.04 * 0.04);
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Cages, PredictedRowsOf,
+    ::testing::Values(Case{"bent_prism", testing::bent_prism()}, Case{"mixed_prism", testing::mixed_prism()},
+                      Case{"open_box", testing::open_box()}, Case{"without_lids", without_lids()},
+                      Case{"soup", testing::soup()},
+                      Case{"holds_itself", testing::joined(testing::box(), testing::small_box(0.1, 0.2, 0.0))},
+                      Case{"cuts_itself", testing::joined(testing::box(), testing::small_box(0.8, 0.7, 0.6)), 0.015}),
+    [](const auto& info) { return std::string(info.param.name); });
+
+}  // namespace
+}  // namespace barycast
