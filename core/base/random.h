@@ -41,6 +41,11 @@ uint64_t position_key(const Vec<D>& position) {
   return key;
 }
 
+// The seed of an independent randomization, for every r another one; for 0 the same.
+constexpr uint64_t randomized(uint64_t seed, uint64_t r) {
+  return seed + r * 0x9E3779B97F4A7C15u;  // odd: distinct for all r
+}
+
 // The random numbers of one query point.
 class QueryRandom {
  public:

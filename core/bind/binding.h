@@ -49,6 +49,9 @@ struct RowBlock {
   std::vector<double> values;     // nnz
   std::vector<double> gradients;  // nnz x d, per unit of the caller's length; empty unless asked for
   std::vector<uint8_t> flags;     // rows
+  // rows x 2, with a target error: the standard error of a row's values, and what they are off by at most in 95 of 100
+  // rows (Randomizations::Error); of noise, not of bias, and before pruning.
+  std::vector<float> errors;
   uint64_t row_count() const { return flags.size(); }
 };
 
@@ -64,7 +67,8 @@ struct Progress {
 struct BindingSummary {
   uint64_t rows = 0, entries = 0;
   uint64_t samples = 0, walk_steps = 0, walks_capped = 0, walks_discarded = 0, walk_reentries = 0;
-  uint64_t rows_on_cage = 0, rows_outside = 0, rows_few_samples = 0, rows_no_samples = 0, rows_rank_deficient = 0;
+  uint64_t rows_on_cage = 0, rows_outside = 0, rows_few_samples = 0, rows_no_samples = 0, rows_rank_deficient = 0,
+           rows_above_target = 0;
   double linear_precision_error_max = 0.0;  // |sum a_v x_v - x| / max(1, |x|), normalized frame
   double solving_s = 0.0, sampling_s = 0.0, smoothing_factor_s = 0.0, smoothing_solve_s = 0.0, rows_s = 0.0;
   double smoothing_time = 0.0;    // the longest of any point; 0 without denoising

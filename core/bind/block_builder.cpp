@@ -26,6 +26,11 @@ void BlockBuilder<D>::pack(size_t count, BindingSummary& summary) {
     }
     block_.offsets.push_back(static_cast<uint32_t>(block_.indices.size()));
     block_.flags.push_back(row.flags);
+    if (const double target = settings_.options.target_error; target > 0.0) {
+      block_.errors.push_back(static_cast<float>(row.noise.standard));
+      block_.errors.push_back(static_cast<float>(row.noise.at_95));
+      summary.rows_above_target += row.noise.standard > target;
+    }
     add_counts(row.counts, summary);
     summary.linear_precision_error_max = std::max(summary.linear_precision_error_max, row.error);
     summary.rows_on_cage += (row.flags & kRowOnCage) != 0;

@@ -11,6 +11,7 @@
 #include "base/parallel.h"
 #include "bind/binding.h"
 #include "bind/quantum.h"
+#include "estimate/error_estimate.h"
 #include "estimate/row.h"
 #include "sample/sample.h"
 
@@ -23,6 +24,7 @@ struct FinishedRow {
   double error = 0.0;  // of linear precision
   uint8_t flags = 0;
   SampleCounts counts;
+  Randomizations::Error noise{};  // with a target error
 
   // Keeps its memory.
   void clear() {
@@ -30,6 +32,7 @@ struct FinishedRow {
     error = 0.0;
     flags = 0;
     counts = {};
+    noise = {};
   }
 };
 

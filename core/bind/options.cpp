@@ -9,8 +9,9 @@
 namespace barycast {
 namespace {
 
-constexpr uint32_t kSamplesDefault = 50;      // the paper's default [SBC 6]
-constexpr uint32_t kSamplesPredicted = 12;    // to correct a prediction
+constexpr uint32_t kSamplesDefault = 50;    // the paper's default [SBC 6]
+constexpr uint32_t kSamplesPredicted = 12;  // to correct a prediction
+constexpr double kTargetErrorMin = 1e-5;
 constexpr uint32_t kSamplesMax = 10'000'000;  // a service sets its own, lower limit
 constexpr uint32_t kWalkStepsPaper = 20;      // [SBC 5.1]
 constexpr uint32_t kPanelsDefault = 1000;     // FireHydrant: E 0.0015, half a second on two cores
@@ -43,6 +44,16 @@ Status check_solved(const Options& options, Estimator estimator) {
   return Done{};
 }
 
+Status check_target(const Options& options, Estimator estimator) {
+  if (!options.target_error) return Done{};
+  if (estimator != Estimator::kPredicted)
+    return invalid_argument("target_error", "only predicted coordinates are refined to a target; leave it out");
+  if (options.samples) return invalid_argument("samples", "a target error decides how many; leave one of them out");
+  if (options.denoise == Denoise::kMesh || options.smoothing_time)
+    return invalid_argument("denoise", "a target error is met point by point; leave denoising out");
+  return check_range("target_error", *options.target_error, kTargetErrorMin, 1.0, "must be 1e-5 to 1");
+}
+
 Status check_panels(const Options& options) {
   if (!options.panels) return Done{};
   if (options.estimator != Estimator::kBoundaryElement)
@@ -59,6 +70,7 @@ Result<ResolvedOptions> resolve(const Options& options, bool queries_have_faces)
   const Estimator estimator = options.estimator.value_or(best);
   const bool predicted = estimator == Estimator::kPredicted, sampling = takes_samples(estimator);
   if (const Status known = check_panels(options); !known) return known.error();
+  if (const Status sound = check_target(options, estimator); !sound) return sound.error();
   if (predicted && estimator != best)
     return invalid_argument("estimator", paper ? "the paper's preset predicts nothing; leave one out"
                                                : "only harmonic coordinates are predicted");
@@ -77,10 +89,12 @@ Result<ResolvedOptions> resolve(const Options& options, bool queries_have_faces)
       .smoothing_time = options.smoothing_time,
       .gradients = options.gradients,
       .influences_max = options.influences_max,
-      .samples_unpredicted = predicted && !options.estimator ? options.samples.value_or(kSamplesDefault) : 0,
+      .samples_unpredicted =
+          predicted && !options.estimator && !options.target_error ? options.samples.value_or(kSamplesDefault) : 0,
+      .target_error = options.target_error.value_or(0.0),
   };
   if (options.denoise == Denoise::kAuto)
-    resolved.denoise = queries_have_faces && sampling ? Denoise::kMesh : Denoise::kNone;
+    resolved.denoise = queries_have_faces && sampling && !options.target_error ? Denoise::kMesh : Denoise::kNone;
   if (resolved.denoise == Denoise::kMesh && !queries_have_faces)
     return invalid_argument("denoise", "denoising over a mesh needs faces between the query points");
   if (sampling && (resolved.samples < 1 || resolved.samples > kSamplesMax))

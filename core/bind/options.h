@@ -42,6 +42,9 @@ struct Options {
   std::optional<double> smoothing_time = {};  // in squared diagonals
   bool gradients = false;
   uint32_t influences_max = 0;  // entries of a row; 0: no limit
+  // Of predicted coordinates, instead of a number of walks: sqrt of the sum over control vertices of the variances of a
+  // row's values. Of noise alone, not of bias.
+  std::optional<double> target_error = {};
 };
 
 struct ResolvedOptions {
@@ -60,7 +63,8 @@ struct ResolvedOptions {
   uint32_t influences_max;
   // kPredicted was not asked for: it gives way to so many samples where the cage is not one for it. 0: asked for.
   uint32_t samples_unpredicted = 0;
-  bool unpredicted = false;  // and did, for the cage is too large
+  bool unpredicted = false;   // and did, for the cage is too large
+  double target_error = 0.0;  // 0: none; otherwise `samples` are walks of a round
 };
 
 // Errors, with paths relative to the options ("samples", "thickness", ...): kInvalidArgument (out of

@@ -80,9 +80,11 @@ class PredictedBinding final : public Binding {
     std::vector<Vec<3>> points;
     std::vector<CorrectedPoint> places;
     std::vector<float> corrections;
+    std::vector<Randomizations::Error> errors;
   };
   static constexpr size_t kPointsPerTask = 32;
 
+  bool targeted() const { return settings_.options.target_error > 0.0; }
   bool smoothed() const { return settings_.options.denoise == Denoise::kMesh; }
   size_t columns() const { return estimator_.columns(); }
   size_t group_count() const { return (columns() + kColumns - 1) / kColumns; }
@@ -159,14 +161,22 @@ class PredictedBinding final : public Binding {
         task.places[i] = places_[node];
         std::copy_n(&corrections_[node * columns()], columns(), &task.corrections[i * columns()]);
       }
-    } else if (!estimator_.correct(points, cancel, task.workspace, task.places, task.corrections)) {
+    } else if (!correct(points, cancel, task)) {
       return false;
     }
     estimator_.evaluate(points, task.places, task.corrections, settings_.options.gradients, task.workspace,
                         [&](size_t i, const CorrectedEstimator::Rows& evaluated) {
                           finish_row(points[i], task.places[i], evaluated, rows[i]);
+                          if (targeted()) rows[i].noise = task.errors[i];
                         });
     return true;
+  }
+
+  bool correct(std::span<const Vec<3>> points, const std::atomic<bool>& cancel, Task& task) const {
+    if (!targeted()) return estimator_.correct(points, cancel, task.workspace, task.places, task.corrections);
+    task.errors.resize(points.size());
+    return estimator_.correct_to(settings_.options.target_error, points, cancel, task.workspace, task.places,
+                                 task.corrections, task.errors);
   }
 
   void finish_row(const Vec<3>& x, const CorrectedPoint& place, const CorrectedEstimator::Rows& evaluated,

@@ -1,6 +1,7 @@
 #include "estimate/corrected_estimator.h"
 
 #include <algorithm>
+#include <numeric>
 
 #include "solve/closed.h"
 #include "solve/moment_field.h"
@@ -34,9 +35,10 @@ CorrectedEstimator::CorrectedEstimator(const Cage<3>& cage, const DistanceIndex<
       is_closed_(is_closed(cage)),
       settings_(settings) {}
 
-bool CorrectedEstimator::correct(std::span<const Vec<3>> points, const std::atomic<bool>& cancel, Workspace& workspace,
-                                 std::span<CorrectedPoint> places, std::span<float> corrections) const {
-  locator_.locate(points, settings_.seed, workspace.queries, places);
+bool CorrectedEstimator::correct(std::span<const Vec<3>> points, uint64_t seed, const std::atomic<bool>& cancel,
+                                 Workspace& workspace, std::span<CorrectedPoint> places,
+                                 std::span<float> corrections) const {
+  locator_.locate(points, seed, workspace.queries, places);
   if (workspace.samples.size() < points.size()) workspace.samples.resize(points.size());
   if (!walks_.sample(workspace.queries, cancel, workspace.samples)) return false;
   bool any_elsewhere = false;
@@ -57,6 +59,42 @@ bool CorrectedEstimator::correct(std::span<const Vec<3>> points, const std::atom
     for (size_t v = 0; v < columns(); ++v) row[v] = static_cast<float>(missing[v] / walks);
   }
   if (any_elsewhere) correct_moments(places, workspace, corrections);
+  return true;
+}
+
+bool CorrectedEstimator::correct_to(double target, std::span<const Vec<3>> points, const std::atomic<bool>& cancel,
+                                    Workspace& workspace, std::span<CorrectedPoint> places,
+                                    std::span<float> corrections, std::span<Randomizations::Error> errors) const {
+  const size_t n = columns();
+  std::vector<size_t>& open = workspace.open;
+  open.resize(points.size());
+  std::iota(open.begin(), open.end(), size_t{0});
+  if (workspace.randomizations.size() < points.size()) workspace.randomizations.resize(points.size());
+  for (size_t i = 0; i < points.size(); ++i) workspace.randomizations[i].clear(n);
+  size_t look = kRoundsLeast;
+  for (size_t round = 0; !open.empty(); ++round) {
+    workspace.open_points.clear();
+    for (const size_t i : open) workspace.open_points.push_back(points[i]);
+    workspace.open_places.resize(open.size());
+    workspace.round.resize(open.size() * n);
+    if (!correct(workspace.open_points, randomized(settings_.seed, round), cancel, workspace, workspace.open_places,
+                 workspace.round))
+      return false;
+    for (size_t k = 0; k < open.size(); ++k) {
+      std::copy_n(&workspace.round[k * n], n, workspace.randomizations[open[k]].append().begin());
+      const SampleCounts before = round == 0 ? SampleCounts{} : places[open[k]].counts;
+      places[open[k]] = workspace.open_places[k];
+      places[open[k]].counts += before;
+    }
+    if (round + 1 < look) continue;
+    std::erase_if(open, [&](size_t i) {
+      errors[i] = workspace.randomizations[i].error();
+      if (errors[i].standard > target && look < kRoundsMost) return false;
+      workspace.randomizations[i].mean(corrections.subspan(i * n, n));
+      return true;
+    });
+    look *= 2;
+  }
   return true;
 }
 

@@ -14,6 +14,7 @@
 #include <span>
 #include <vector>
 
+#include "estimate/error_estimate.h"
 #include "estimate/locator.h"
 #include "sample/walks.h"
 #include "solve/prediction.h"
@@ -52,13 +53,29 @@ class CorrectedEstimator {
     std::vector<Vec<3>> points;
     std::vector<double> missing;
     HarmonicPrediction::Rows rows;
+    // Points that are still off, their places in what was asked for, and what the round under way found.
+    std::vector<Vec<3>> open_points;
+    std::vector<size_t> open;
+    std::vector<CorrectedPoint> open_places;
+    std::vector<float> round;
+    std::vector<Randomizations> randomizations;  // of all points
   };
 
   // Where some points are (normalized frame), and their corrections, a row of columns() each. Each is a function of its
   // position, the seed and the settings alone. False: `cancel` was seen set. Const and thread-safe, a workspace per
   // thread.
   bool correct(std::span<const Vec<3>> points, const std::atomic<bool>& cancel, Workspace& workspace,
-               std::span<CorrectedPoint> places, std::span<float> corrections) const;
+               std::span<CorrectedPoint> places, std::span<float> corrections) const {
+    return correct(points, settings_.seed, cancel, workspace, places, corrections);
+  }
+
+  // The same from as many independent randomizations as bring the standard error of a point down to `target`, looked at
+  // after kRoundsLeast of them and every time that they have doubled, to kRoundsMost: corrections are their means, and
+  // `errors` says how far those are from what infinitely many walks would give.
+  static constexpr size_t kRoundsLeast = 8, kRoundsMost = 512;
+  bool correct_to(double target, std::span<const Vec<3>> points, const std::atomic<bool>& cancel, Workspace& workspace,
+                  std::span<CorrectedPoint> places, std::span<float> corrections,
+                  std::span<Randomizations::Error> errors) const;
 
   // A row of columns() values, and of their gradients per diagonal.
   struct Rows {
@@ -73,6 +90,8 @@ class CorrectedEstimator {
                 const std::function<void(size_t, const Rows&)>& row) const;
 
  private:
+  bool correct(std::span<const Vec<3>> points, uint64_t seed, const std::atomic<bool>& cancel, Workspace& workspace,
+               std::span<CorrectedPoint> places, std::span<float> corrections) const;
   const HarmonicPrediction& prediction(bool elsewhere) const { return elsewhere ? *elsewhere_ : *inside_; }
   // Evaluates a prediction at the origins of the chosen places, all on one side.
   void predict(std::span<const CorrectedPoint> places, bool elsewhere, bool gradients, Workspace& workspace) const;

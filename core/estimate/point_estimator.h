@@ -40,7 +40,7 @@ class PointEstimator {
   // The same with other random numbers, for every r from 1 on.
   PointEstimator randomized(uint64_t r) const {
     PointEstimator other(*this);
-    other.settings_.seed += r * 0x9E3779B97F4A7C15u;  // odd: distinct for all r
+    other.settings_.seed = barycast::randomized(settings_.seed, r);
     return other;
   }
 

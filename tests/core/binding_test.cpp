@@ -58,8 +58,7 @@ TEST(Options, SettleForSamplesWhereTheCageIsTooLarge) {
 }
 
 TEST(CageIndex, SaysThatItsCageIsTooLargeToBePredicted) {
-  const testing::Shape shape = testing::sphere(20, 1.0);
-  const auto index = testing::make_index(shape);
+  const auto index = testing::make_index(testing::sphere(12, 1.0));
   ASSERT_GT(index->surface_triangles(), HarmonicPrediction::kTrianglesMost);
   BindingSummary summary;
   const QueryInput points = testing::loose_points({0, 0, 0, 0.2, 0.1, 0});
