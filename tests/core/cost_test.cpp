@@ -46,6 +46,7 @@ QueryInput ball(int n) {
 
 Options choices(uint32_t samples, bool gradients, double prune_below) {
   Options options;
+  options.estimator = Estimator::kSampling;
   options.samples = samples;
   options.gradients = gradients;
   options.prune_below = prune_below;

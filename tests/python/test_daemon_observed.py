@@ -45,7 +45,7 @@ def test_json_log_is_one_object_per_line(real_daemon, tmp_path):
     [first], [second] = ([line for line in computed if line.get("points") == count] for count in (5, 4))
     [spoilt] = [line for line in computed if "x-cage-digest" in line.get("message", "")]
     assert (first["points"], first["control_vertices"], first["samples"], first["rows"], first["entries"]) == \
-        (5, 4, 250, 5, 20)
+        (5, 4, 5 * 12, 5, 20)
     assert (first["cache_hit"], second["cache_hit"], second["samples"]) == (False, True, 28)
     assert len(first["cage"]) == 64 and first["peer"].startswith("ipv4:")
     assert set(first["stages_ms"]) == {"cage", "solving", "sampling", "smoothing_factor", "smoothing_solve", "rows"}
@@ -58,7 +58,7 @@ def test_text_log_has_one_line_per_request(real_daemon, tmp_path):
         daemon.compute(5)
     [line] = [line for line in daemon.log_lines() if "ComputeCoordinates" in line]
     assert " info ComputeCoordinates OK ms=" in line
-    assert " points=5 faces=0 control_vertices=4 samples=250 rows=5 entries=20" in line
+    assert " points=5 faces=0 control_vertices=4 samples=60 rows=5 entries=20" in line
 
 
 def test_metrics_add_up(real_daemon, tmp_path):
@@ -80,7 +80,7 @@ def test_metrics_add_up(real_daemon, tmp_path):
     assert page['barycastd_request_duration_seconds_count{method="ComputeCoordinates"}'] == 4
     assert page['barycastd_request_duration_seconds_bucket{method="ComputeCoordinates",le="+Inf"}'] == 4
     assert page['barycastd_request_duration_seconds_sum{method="ComputeCoordinates"}'] > 0
-    assert page["barycastd_samples_total"] == 5 * 50 + 4 * 7
+    assert page["barycastd_samples_total"] == 5 * 12 + 4 * 7
     assert page["barycastd_rows_total"] == 9
     assert page["barycastd_entries_total"] == 36
     assert page['barycastd_stage_seconds_total{stage="sampling"}'] > 0

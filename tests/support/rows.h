@@ -13,13 +13,13 @@
 
 namespace barycast::testing {
 
-// With what harmonic and mean value coordinates need.
+// With what samples of harmonic and mean value coordinates need.
 inline std::shared_ptr<const CageIndex> make_index(const Shape& shape) {
   auto index = CageIndex::create(shape.input());
   EXPECT_TRUE(index.ok()) << (index.ok() ? "" : index.error().text());
   if (!index.ok()) return nullptr;
   for (const auto kind : {CoordinateKind::kHarmonic, CoordinateKind::kMeanValue})
-    EXPECT_TRUE((*index)->prepare(*resolve({.coordinates = kind}, false)).ok());
+    EXPECT_TRUE((*index)->prepare(*resolve({.coordinates = kind, .estimator = Estimator::kSampling}, false)).ok());
   return *index;
 }
 
