@@ -1,5 +1,6 @@
 #include "bind/cage_index.h"
 
+#include "estimate/ball_tables.h"
 #include "query/distance_index.h"
 #include "query/line_index.h"
 #include "query/winding.h"
@@ -67,9 +68,17 @@ void CageStructures<D>::prepare(const ResolvedOptions& options, std::function<vo
     std::function<void(Status)> ready = std::move(then);
     if constexpr (D == 3) {
       if (options.estimator == Estimator::kPredicted)
-        ready = [this, then = std::move(ready)](const Status& built) {
+        ready = [this, with_tables = options.tables, then = std::move(ready)](const Status& built) {
           if (!built) return then(built);
-          prepare_prediction(*this, is_closed(cage) ? BoundarySides::kInside : BoundarySides::kElsewhere, then);
+          if (!is_closed(cage)) return prepare_prediction(*this, BoundarySides::kElsewhere, then);
+          prepare_prediction(*this, BoundarySides::kInside, [this, with_tables, then](const Status& predicted) {
+            if (!predicted || !with_tables) return then(predicted);
+            tables.prepare(
+                [this]() -> Result<std::unique_ptr<const BallTables>> {
+                  return std::make_unique<const BallTables>(cage, *walks, *winding, *inside);
+                },
+                then);
+          });
         };
     }
     return engine == DistanceEngine::kGrid ? walks.prepare(grid, std::move(ready))
@@ -96,7 +105,7 @@ const DistanceIndex<D>& CageStructures<D>::closest_points(const ResolvedOptions&
 template <int D>
 size_t CageStructures<D>::bytes() const {
   return cage.bytes() + winding->bytes() + elements.bytes() + walks.bytes() + lines.bytes() + inside.bytes() +
-         elsewhere.bytes();
+         elsewhere.bytes() + tables.bytes();
 }
 
 template struct CageStructures<2>;
@@ -158,6 +167,15 @@ void CageIndex::prepare(const ResolvedOptions& options, std::function<void(Statu
 
 Status CageIndex::prepare(const ResolvedOptions& options) const {
   return wait_for([&](std::function<void(Status)> then) { prepare(options, std::move(then)); });
+}
+
+size_t CageIndex::fill_tables(size_t tables_max, const std::atomic<bool>& cancel) const {
+  return std::visit(
+      [&](const auto& s) {
+        const BallTables* const tables = s->tables.get();
+        return tables == nullptr ? 0 : tables->build(tables_max, cancel);
+      },
+      structures_);
 }
 
 int CageIndex::dimension() const {

@@ -74,7 +74,12 @@ Result<ResolvedOptions> resolve(const Options& options, bool queries_have_faces)
   if (predicted && estimator != best)
     return invalid_argument("estimator", paper ? "the paper's preset predicts nothing; leave one out"
                                                : "only harmonic coordinates are predicted");
+  if (options.tables && !predicted)
+    return invalid_argument("tables",
+                            "tables hold the corrections of a prediction; choose that estimator or leave them out");
   if (const Status fits = sampling ? Status(Done{}) : check_solved(options, estimator); !fits) return fits.error();
+  // What only a prediction can do is a choice of it; and leaves no noise to a mesh.
+  const bool settled = options.tables || options.target_error, by_default = !options.estimator && !settled;
   ResolvedOptions resolved{
       .coordinates = options.coordinates,
       .preset = options.preset,
@@ -89,12 +94,12 @@ Result<ResolvedOptions> resolve(const Options& options, bool queries_have_faces)
       .smoothing_time = options.smoothing_time,
       .gradients = options.gradients,
       .influences_max = options.influences_max,
-      .samples_unpredicted =
-          predicted && !options.estimator && !options.target_error ? options.samples.value_or(kSamplesDefault) : 0,
+      .tables = options.tables,
+      .samples_unpredicted = predicted && by_default ? options.samples.value_or(kSamplesDefault) : 0,
       .target_error = options.target_error.value_or(0.0),
   };
   if (options.denoise == Denoise::kAuto)
-    resolved.denoise = queries_have_faces && sampling && !options.target_error ? Denoise::kMesh : Denoise::kNone;
+    resolved.denoise = queries_have_faces && sampling && !settled ? Denoise::kMesh : Denoise::kNone;
   if (resolved.denoise == Denoise::kMesh && !queries_have_faces)
     return invalid_argument("denoise", "denoising over a mesh needs faces between the query points");
   if (sampling && (resolved.samples < 1 || resolved.samples > kSamplesMax))

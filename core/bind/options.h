@@ -45,6 +45,11 @@ struct Options {
   // Of predicted coordinates, instead of a number of walks: sqrt of the sum over control vertices of the variances of a
   // row's values. Of noise alone, not of bias.
   std::optional<double> target_error = {};
+  // With a prediction: corrections inside a closed cage from tables of the cage (estimate/ball_tables.h), for points
+  // that follow one another over time. The tables are a function of the cage alone, at the default thickness: samples,
+  // seed, thickness and walk_steps_max are left to the points that they do not serve, nearer to the cage than 0.009
+  // diagonals or not inside of it. Rows need no denoising over a mesh.
+  bool tables = false;
 };
 
 struct ResolvedOptions {
@@ -61,6 +66,7 @@ struct ResolvedOptions {
   std::optional<double> smoothing_time = {};  // unset: Binding decides from the query mesh
   bool gradients;
   uint32_t influences_max;
+  bool tables;
   // kPredicted was not asked for: it gives way to so many samples where the cage is not one for it. 0: asked for.
   uint32_t samples_unpredicted = 0;
   bool unpredicted = false;   // and did, for the cage is too large

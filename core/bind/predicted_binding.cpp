@@ -30,6 +30,7 @@ class PredictedBinding final : public Binding {
                                                         .thickness = settings.options.thickness,
                                                         .walk_steps_max = settings.options.walk_steps_max}),
                    structures.inside.get(), structures.elsewhere.get(),
+                   settings.options.tables ? structures.tables.get() : nullptr,
                    {.thickness = settings.options.thickness, .seed = settings.options.seed}),
         finisher_(cage_, {.prune_below = settings.options.prune_below,
                           .gradients = settings.options.gradients,
@@ -228,14 +229,15 @@ class PredictedBinding final : public Binding {
 
 // Whether samples of all points of a closed cage start inside. Ends early, with false, at a point whose do not, or when
 // cancelled.
-bool all_start_inside(const CageStructures<3>& structures, std::span<const Vec<3>> points, double thickness,
-                      const std::atomic<bool>& cancel) {
+bool all_start_inside(const CageStructures<3>& structures, const BallTables* tables, std::span<const Vec<3>> points,
+                      double thickness, const std::atomic<bool>& cancel) {
   const Locator<3> locator(structures.cage, *structures.walks, *structures.winding, thickness);
   std::atomic<bool> all = true;
   parallel_for(points.size(), 256, [&](size_t begin, size_t end) {
     std::vector<SampleQuery<3>> query;
     std::array<Located<3>, 1> place;
     for (size_t i = begin; i < end && all && !cancel; ++i) {
+      if (tables != nullptr && tables->cover().clearance(points[i]) > thickness) continue;
       bool inside;
       if ((*structures.walks).free_radius(points[i]) > 2 * thickness) {  // surely not on the cage
         inside = structures.winding->inside(points[i]);
@@ -256,7 +258,9 @@ Result<std::unique_ptr<Binding>> create_predicted_binding(std::shared_ptr<const 
                                                           const BindingSettings& settings,
                                                           const std::atomic<bool>& cancel) {
   // What is inside a closed cage was prepared with it; whether points are elsewhere the cage cannot know.
-  if (is_closed(structures.cage) && !all_start_inside(structures, queries.points, settings.options.thickness, cancel)) {
+  const BallTables* const tables = settings.options.tables ? structures.tables.get() : nullptr;
+  if (is_closed(structures.cage) &&
+      !all_start_inside(structures, tables, queries.points, settings.options.thickness, cancel)) {
     if (cancel) return Error{ErrorCode::kCancelled, "", "the request was cancelled"};
     const Status built = wait_for([&](std::function<void(Status)> then) {
       prepare_prediction(structures, BoundarySides::kElsewhere, std::move(then));

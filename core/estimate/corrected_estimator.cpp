@@ -26,39 +26,89 @@ bool starts_outside(const Located<3>& place, const Vec<3>& origin, const Winding
 CorrectedEstimator::CorrectedEstimator(const Cage<3>& cage, const DistanceIndex<3>& distance,
                                        const WindingNumber<3>& winding, const HarmonicWalks<3>& walks,
                                        const HarmonicPrediction* inside, const HarmonicPrediction* elsewhere,
-                                       const Settings& settings)
+                                       const BallTables* tables, const Settings& settings)
     : cage_(cage),
       locator_(cage, distance, winding, settings.thickness),
       walks_(walks),
       inside_(inside),
       elsewhere_(elsewhere),
+      tables_(tables),
       is_closed_(is_closed(cage)),
       settings_(settings) {}
 
 bool CorrectedEstimator::correct(std::span<const Vec<3>> points, uint64_t seed, const std::atomic<bool>& cancel,
                                  Workspace& workspace, std::span<CorrectedPoint> places,
                                  std::span<float> corrections) const {
-  locator_.locate(points, seed, workspace.queries, places);
-  if (workspace.samples.size() < points.size()) workspace.samples.resize(points.size());
-  if (!walks_.sample(workspace.queries, cancel, workspace.samples)) return false;
+  // Points that tables serve wholly need no more than that they do.
+  workspace.clearances.clear();
+  if (tables_ != nullptr)
+    for (const Vec<3>& x : points) workspace.clearances.push_back(tables_->cover().clearance(x));
+  locator_.locate(points, seed, workspace.queries, places,
+                  {workspace.clearances, std::max(settings_.thickness, BallTables::kOwnWalksEnd)});
   bool any_elsewhere = false;
   for (size_t i = 0; i < points.size(); ++i) {
     CorrectedPoint& place = places[i];
     place.origin = workspace.queries[i].origin;
     place.elsewhere = !is_closed_ || starts_outside(place, place.origin, locator_.winding());
     any_elsewhere |= place.elsewhere;
-    place.counts = workspace.samples[i].counts;
-    if (workspace.samples[i].samples.empty()) place.flags |= kRowNoSamples;
-    if (place.elsewhere) continue;
+  }
+  if (!walk(places, cancel, workspace)) return false;
+  for (const size_t i : workspace.walkers) {
+    if (workspace.samples[i].samples.empty()) places[i].flags |= kRowNoSamples;
+    if (places[i].elsewhere) continue;
     std::vector<double>& missing = workspace.missing;
     missing.assign(columns(), 0.0);
     for (const Sample<3>& sample : workspace.samples[i].samples)
       inside_->add_missing(sample.element, sample.shares, sample.weight, missing);
-    const double walks = static_cast<double>(place.counts.started);
+    const double walks = static_cast<double>(places[i].counts.started);
     const std::span<float> row = corrections.subspan(i * columns(), columns());
     for (size_t v = 0; v < columns(); ++v) row[v] = static_cast<float>(missing[v] / walks);
   }
   if (any_elsewhere) correct_moments(places, workspace, corrections);
+  return tables_ == nullptr || blend_tables(places, cancel, workspace, corrections);
+}
+
+// Samples of the points that tables do not serve wholly, each at its point's place.
+bool CorrectedEstimator::walk(std::span<CorrectedPoint> places, const std::atomic<bool>& cancel,
+                              Workspace& workspace) const {
+  workspace.walkers.clear();
+  workspace.walking.clear();
+  for (size_t i = 0; i < places.size(); ++i) {
+    places[i].counts = {};
+    if (tables_part(places[i], workspace.queries[i].radius) >= 1) continue;
+    workspace.walkers.push_back(i);
+    workspace.walking.push_back(workspace.queries[i]);
+  }
+  if (workspace.samples.size() < places.size()) workspace.samples.resize(places.size());
+  const std::span<SampleSet<3>> samples = workspace.samples;
+  if (!walks_.sample(workspace.walking, cancel, samples.first(workspace.walkers.size()))) return false;
+  for (size_t k = workspace.walkers.size(); k-- > 0;) {
+    const size_t i = workspace.walkers[k];
+    std::swap(samples[k], samples[i]);
+    places[i].counts = samples[i].counts;
+  }
+  return true;
+}
+
+bool CorrectedEstimator::blend_tables(std::span<const CorrectedPoint> places, const std::atomic<bool>& cancel,
+                                      Workspace& workspace, std::span<float> corrections) const {
+  workspace.chosen.clear();
+  workspace.points.clear();
+  for (size_t i = 0; i < places.size(); ++i) {
+    if (tables_part(places[i], workspace.queries[i].radius) <= 0) continue;
+    workspace.chosen.push_back(i);
+    workspace.points.push_back(places[i].origin);
+  }
+  workspace.from_tables.resize(workspace.chosen.size() * columns());
+  if (!tables_->correct(workspace.points, cancel, workspace.tables, workspace.from_tables)) return false;
+  for (size_t k = 0; k < workspace.chosen.size(); ++k) {
+    const size_t i = workspace.chosen[k];
+    const auto part = static_cast<float>(tables_part(places[i], workspace.queries[i].radius));
+    const float* const from_tables = &workspace.from_tables[k * columns()];
+    float* const row = &corrections[i * columns()];
+    for (size_t v = 0; v < columns(); ++v)
+      row[v] = part < 1 ? row[v] + part * (from_tables[v] - row[v]) : from_tables[v];
+  }
   return true;
 }
 

@@ -7,6 +7,9 @@
 //
 // Inside a closed cage h are the coordinates. Elsewhere moments are predicted and corrected, and both are projected
 // [SBC Eq. 7 to 10]: the correction is what that changes.
+//
+// With tables (estimate/ball_tables.h) corrections inside a closed cage come from those, but close to the cage, where
+// points walk themselves; in between, from both, by a share that is smooth in the distance.
 
 #include <array>
 #include <atomic>
@@ -14,6 +17,7 @@
 #include <span>
 #include <vector>
 
+#include "estimate/ball_tables.h"
 #include "estimate/error_estimate.h"
 #include "estimate/locator.h"
 #include "sample/walks.h"
@@ -38,18 +42,23 @@ class CorrectedEstimator {
     uint64_t seed;
   };
   // Predictions may be null where no point needs them: those of closed cages whose samples start inside, and all
-  // others.
+  // others. Without tables all points walk.
   CorrectedEstimator(const Cage<3>& cage, const DistanceIndex<3>& distance, const WindingNumber<3>& winding,
                      const HarmonicWalks<3>& walks, const HarmonicPrediction* inside,
-                     const HarmonicPrediction* elsewhere, const Settings& settings);
+                     const HarmonicPrediction* elsewhere, const BallTables* tables, const Settings& settings);
 
   // Columns of corrections and predictions: the control vertices that elements use, in their order.
   size_t columns() const { return cage_.used_vertices().size(); }
 
   struct Workspace {
+    std::vector<double> clearances;
     std::vector<SampleQuery<3>> queries;
+    std::vector<SampleQuery<3>> walking;  // those of the queries that walk themselves
+    std::vector<size_t> walkers;
     std::vector<SampleSet<3>> samples;
-    std::vector<size_t> chosen;  // places of one side
+    BallTables::Workspace tables;
+    std::vector<float> from_tables;
+    std::vector<size_t> chosen;  // places of one side, or with tables
     std::vector<Vec<3>> points;
     std::vector<double> missing;
     HarmonicPrediction::Rows rows;
@@ -62,8 +71,8 @@ class CorrectedEstimator {
   };
 
   // Where some points are (normalized frame), and their corrections, a row of columns() each. Each is a function of its
-  // position, the seed and the settings alone. False: `cancel` was seen set. Const and thread-safe, a workspace per
-  // thread.
+  // position, the seed and the settings alone; with tables, of its position alone where it does not walk. False:
+  // `cancel` was seen set. Const and thread-safe, a workspace per thread.
   bool correct(std::span<const Vec<3>> points, const std::atomic<bool>& cancel, Workspace& workspace,
                std::span<CorrectedPoint> places, std::span<float> corrections) const {
     return correct(points, settings_.seed, cancel, workspace, places, corrections);
@@ -93,6 +102,12 @@ class CorrectedEstimator {
   bool correct(std::span<const Vec<3>> points, uint64_t seed, const std::atomic<bool>& cancel, Workspace& workspace,
                std::span<CorrectedPoint> places, std::span<float> corrections) const;
   const HarmonicPrediction& prediction(bool elsewhere) const { return elsewhere ? *elsewhere_ : *inside_; }
+  double tables_part(const CorrectedPoint& place, double distance) const {
+    return tables_ == nullptr || place.elsewhere ? 0.0 : BallTables::part(distance);
+  }
+  bool walk(std::span<CorrectedPoint> places, const std::atomic<bool>& cancel, Workspace& workspace) const;
+  bool blend_tables(std::span<const CorrectedPoint> places, const std::atomic<bool>& cancel, Workspace& workspace,
+                    std::span<float> corrections) const;
   // Evaluates a prediction at the origins of the chosen places, all on one side.
   void predict(std::span<const CorrectedPoint> places, bool elsewhere, bool gradients, Workspace& workspace) const;
   void project(const Vec<3>& origin, Rows& rows) const;
@@ -103,6 +118,7 @@ class CorrectedEstimator {
   Locator<3> locator_;
   HarmonicWalks<3> walks_;
   const HarmonicPrediction *inside_, *elsewhere_;
+  const BallTables* tables_;
   bool is_closed_;
   Settings settings_;
 };

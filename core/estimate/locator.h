@@ -18,8 +18,16 @@ namespace barycast {
 template <int D>
 struct Located {
   std::optional<CagePoint<D>> on_cage;  // y, for a query within the thickness of the cage
-  double distance = 0.0;                // to the cage
+  double distance = 0.0;                // to the cage, or a lower bound that was known
   uint8_t flags = 0;                    // RowFlags: on the cage, outside
+};
+
+// What is known of a point beforehand: that it is inside of the cage, and at least this far from it; 0: nothing. Where
+// it is `enough`, that stands for the distance, and the point's samples, which nobody will take, have no random
+// numbers.
+struct Clearances {
+  std::span<const double> of_point = {};  // none: of no point
+  double enough = std::numeric_limits<double>::infinity();
 };
 
 // Const and thread-safe.
@@ -29,24 +37,33 @@ class Locator {
   Locator(const Cage<D>& cage, const DistanceIndex<D>& distance, const WindingNumber<D>& winding, double thickness)
       : cage_(cage), distance_(distance), winding_(winding), thickness_(thickness) {}
 
-  // One query and one place for every point (normalized frame). Faster for neighbours in space.
+  // One query and one place for every point (normalized frame). Faster for neighbours in space, and for points of
+  // which something is known.
   template <class Places>
-  void locate(std::span<const Vec<D>> points, uint64_t seed, std::vector<SampleQuery<D>>& queries,
-              Places&& places) const {
+  void locate(std::span<const Vec<D>> points, uint64_t seed, std::vector<SampleQuery<D>>& queries, Places&& places,
+              const Clearances& known = {}) const {
     queries.clear();
     CagePoint<D> closest;
-    double within = std::numeric_limits<double>::infinity();
+    bool any = false;
     for (size_t i = 0; i < points.size(); ++i) {
-      if (i > 0) within = (closest.point - points[i]).norm();
-      queries.push_back(locate(points[i], seed, within, closest, places[i]));
+      const double clearance = known.of_point.empty() ? 0.0 : known.of_point[i];
+      if (clearance >= known.enough) {
+        static_cast<Located<D>&>(places[i]) = {.on_cage = {}, .distance = clearance, .flags = 0};
+        queries.push_back({points[i], clearance, QueryRandom(seed, 0)});
+        continue;
+      }
+      const double within = any ? (closest.point - points[i]).norm() : std::numeric_limits<double>::infinity();
+      queries.push_back(locate(points[i], seed, within, clearance > 0, closest, places[i]));
+      any = true;
     }
   }
 
   const WindingNumber<D>& winding() const { return winding_; }
 
  private:
-  // within: what the distance is known not to exceed.
-  SampleQuery<D> locate(const Vec<D>& x, uint64_t seed, double within, CagePoint<D>& closest, Located<D>& out) const;
+  // within: what the distance is known not to exceed; inside: known to be.
+  SampleQuery<D> locate(const Vec<D>& x, uint64_t seed, double within, bool inside, CagePoint<D>& closest,
+                        Located<D>& out) const;
   Vec<D> shifted(const Vec<D>& x, const CagePoint<D>& closest) const;
 
   const Cage<D>& cage_;

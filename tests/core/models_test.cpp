@@ -54,5 +54,28 @@ TEST(Models, PointsOutsideTheCageAreBoundAndSaySo) {
   EXPECT_NEAR(double(summary.rows_outside), 616, 5);
 }
 
+// Where a model is, most points have balls; those near the cage walk.
+TEST(Models, TablesAgreeWithManyWalks) {
+  if (data_folder() == nullptr) GTEST_SKIP() << "set BARYCAST_DATA to the folder of cages and models";
+  const auto index = testing::make_index(read_obj("FireHydrant_Cage.obj"));
+  const std::vector<double> model = read_obj("FireHydrant.obj").vertices;
+  std::vector<double> points;
+  for (size_t i = 0; i < model.size(); i += 300) points.insert(points.end(), &model[i], &model[i + 3]);
+  Options options;
+  options.estimator = Estimator::kPredicted;
+  options.samples = 4000;
+  const RowBlock walked = testing::bind_or_die(index, testing::loose_points(points), options);
+  options.samples.reset();
+  options.tables = true;
+  const RowBlock tables = testing::bind_or_die(index, testing::loose_points(points), options);
+  double squared = 0.0;
+  for (size_t i = 0; i < walked.row_count(); ++i) {
+    const std::vector<double> a = testing::dense_row(walked, i, index->control_vertex_count()),
+                              b = testing::dense_row(tables, i, index->control_vertex_count());
+    for (size_t v = 0; v < a.size(); ++v) squared += (a[v] - b[v]) * (a[v] - b[v]);
+  }
+  EXPECT_LT(std::sqrt(squared / static_cast<double>(walked.row_count())), 0.002);
+}
+
 }  // namespace
 }  // namespace barycast

@@ -1,0 +1,177 @@
+#include "estimate/ball_tables.h"
+
+#include <algorithm>
+#include <numeric>
+
+#include "base/check.h"
+#include "base/parallel.h"
+#include "base/tolerances.h"
+#include "sample/walk_lanes.h"
+
+namespace barycast {
+namespace {
+
+// Of the tables' walks: a constant, for tables depend on the cage alone.
+constexpr uint64_t kSeed = 0xBA11;
+constexpr uint32_t kStepsMax = 300;
+// Balls whose walks advance together: enough to keep vectors full to the last walks.
+constexpr size_t kBallsPerTask = 8;
+
+// Directions of the first steps of a query's walks.
+std::vector<Vec<3>> first_directions(const SampleQuery<3>& query, size_t count) {
+  const size_t padded = count + 2 * kWalkLanes;
+  std::vector<float> x(padded), y(padded), z(padded), radius(padded, 1.0f), weight(padded, 1.0f);
+  std::vector<uint32_t> rank(padded), hint(padded), first(padded), second(padded), beyond(padded);
+  std::iota(rank.begin(), rank.end(), 0u);
+  const std::array<uint32_t, 4> shift = query.random.bits(0, 0);
+  lattice_numbers(rank.data(), count, 2, {shift[0], shift[1]}, first.data(), second.data());
+  move_walks({x.data(), y.data(), z.data(), radius.data(), weight.data(), rank.data(), hint.data()}, first.data(),
+             second.data(), count, 3, 2.0f, beyond.data());
+  std::vector<Vec<3>> directions(count);
+  for (size_t i = 0; i < count; ++i) directions[i] = Vec<3>(x[i], y[i], z[i]).normalized();
+  return directions;
+}
+
+// out[v] += sum_j factors[j] rows[j][v]
+void add_rows(const HarmonicValues& factors, const float* __restrict rows, size_t width, float* __restrict out) {
+  for (size_t v = 0; v < width; ++v) {
+    float sum = out[v];
+    for (size_t j = 0; j < kHarmonics; ++j) sum += factors[j] * rows[j * width + v];
+    out[v] = sum;
+  }
+}
+
+}  // namespace
+
+BallTables::BallTables(const Cage<3>& cage, const DistanceIndex<3>& distance, const WindingNumber<3>& winding,
+                       const HarmonicPrediction& inside, const BallTableSettings& settings)
+    : inside_(inside),
+      cover_(distance, winding),
+      walks_(distance, {.walks = settings.walks, .thickness = kThicknessDefault, .walk_steps_max = kStepsMax}),
+      settings_(settings),
+      columns_(cage.used_vertices().size()) {}
+
+double BallTables::part(double distance) {
+  const double t = (distance - BallCover::kDistanceMin) / (kOwnWalksEnd - BallCover::kDistanceMin);
+  return t <= 0 ? 0.0 : t >= 1 ? 1.0 : t * t * (3 - 2 * t);
+}
+
+void BallTables::fill(const SampleQuery<3>& query, const SampleSet<3>& samples, Workspace& workspace,
+                      BallTable& table) const {
+  BARYCAST_CHECK_OP(samples.samples.size(), ==, size_t{settings_.walks});
+  const std::vector<HarmonicValues> factors = harmonic_projection(first_directions(query, settings_.walks));
+  const size_t width = this->width();
+  table.assign(kHarmonics * width, 0.0f);
+  workspace.row.assign(width, 0.0f);
+  for (size_t i = 0; i < samples.samples.size(); ++i) {
+    const Sample<3>& sample = samples.samples[i];
+    workspace.missing.assign(columns_, 0.0);
+    inside_.add_missing(sample.element, sample.shares, sample.weight, workspace.missing);
+    for (size_t v = 0; v < columns_; ++v) workspace.row[v] = static_cast<float>(workspace.missing[v]);
+    const float* __restrict const row = workspace.row.data();
+    for (size_t j = 0; j < kHarmonics; ++j) {
+      float* __restrict const sum = &table[j * width];
+      const float factor = factors[i][j];
+      for (size_t v = 0; v < width; ++v) sum[v] += factor * row[v];
+    }
+  }
+}
+
+void BallTables::keep(const BallLeaf& leaf, BallTable& table) const {
+  const size_t bytes = table_bytes_each();
+  if (table_bytes_.fetch_add(bytes, std::memory_order_relaxed) + bytes <= settings_.bytes_max) {
+    std::unique_ptr<const BallTable> value = std::make_unique<const BallTable>(table);
+    if (leaf.table.publish(value)) {
+      tables_.fetch_add(1, std::memory_order_relaxed);
+      return;
+    }
+  }
+  table_bytes_.fetch_sub(bytes, std::memory_order_relaxed);
+}
+
+// Leaves a table in the workspace for each of the leaves, and keeps it if it can.
+bool BallTables::make(std::span<const BallLeaf* const> leaves, const std::atomic<bool>& cancel,
+                      Workspace& workspace) const {
+  if (workspace.tables.size() < leaves.size()) workspace.tables.resize(leaves.size());
+  workspace.samples.resize(kBallsPerTask);
+  for (size_t first = 0; first < leaves.size(); first += kBallsPerTask) {
+    const std::span<const BallLeaf* const> some = leaves.subspan(first, std::min(kBallsPerTask, leaves.size() - first));
+    workspace.queries.clear();
+    for (const BallLeaf* leaf : some)
+      workspace.queries.push_back({leaf->centre, leaf->radius, QueryRandom(kSeed, leaf->name)});
+    if (!walks_.sample(workspace.queries, cancel, std::span(workspace.samples).first(some.size()))) return false;
+    for (size_t i = 0; i < some.size(); ++i) {
+      fill(workspace.queries[i], workspace.samples[i], workspace, workspace.tables[first + i]);
+      keep(*some[i], workspace.tables[first + i]);
+    }
+  }
+  return true;
+}
+
+bool BallTables::correct(std::span<const Vec<3>> points, const std::atomic<bool>& cancel, Workspace& workspace,
+                         std::span<float> corrections) const {
+  std::vector<Workspace::Use>& uses = workspace.uses;
+  uses.clear();
+  workspace.wanted.clear();
+  for (size_t i = 0; i < points.size(); ++i) {
+    const size_t begin = uses.size();
+    float sum = 0.0f;
+    cover_.for_each(points[i], [&](const BallLeaf& leaf, double weight) {
+      uses.push_back({&leaf, i, static_cast<float>(weight)});
+      sum += uses.back().weight;
+      if (leaf.table.get() == nullptr) workspace.wanted.push_back(&leaf);
+    });
+    for (size_t k = begin; k < uses.size(); ++k) uses[k].weight /= sum;
+  }
+  // In the order of their names, not of their addresses: neighbours in space walk together.
+  std::vector<const BallLeaf*>& wanted = workspace.wanted;
+  std::sort(wanted.begin(), wanted.end(), [](const BallLeaf* a, const BallLeaf* b) { return a->name < b->name; });
+  wanted.erase(std::unique(wanted.begin(), wanted.end()), wanted.end());
+  if (!wanted.empty() && !make(wanted, cancel, workspace)) return false;
+
+  const size_t width = this->width();
+  std::vector<float>& row = workspace.row;
+  size_t k = 0;
+  for (size_t i = 0; i < points.size(); ++i) {
+    row.assign(width, 0.0f);
+    for (; k < uses.size() && uses[k].point == i; ++k) {
+      const auto& [leaf, point, weight] = uses[k];
+      const BallTable* table = leaf->table.get();
+      if (table == nullptr) {
+        const auto at = std::lower_bound(wanted.begin(), wanted.end(), leaf,
+                                         [](const BallLeaf* a, const BallLeaf* b) { return a->name < b->name; });
+        table = &workspace.tables[static_cast<size_t>(at - wanted.begin())];
+      }
+      HarmonicValues factors = solid_harmonics((points[i] - leaf->centre) / leaf->radius);
+      for (float& factor : factors) factor *= weight;
+      add_rows(factors, table->data(), width, row.data());
+    }
+    std::copy_n(row.begin(), columns_, corrections.begin() + static_cast<std::ptrdiff_t>(i * columns_));
+  }
+  return true;
+}
+
+size_t BallTables::build(size_t tables_max, const std::atomic<bool>& cancel) const {
+  // No more than may be kept, and those that are there.
+  const size_t room = settings_.bytes_max / table_bytes_each();
+  std::vector<const BallLeaf*> leaves =
+      cover_.leaves(std::min(room, std::min(room, tables_max) + table_count()), cancel);
+  std::erase_if(leaves, [](const BallLeaf* leaf) { return leaf->table.get() != nullptr; });
+  leaves.resize(std::min(leaves.size(), tables_max));
+  std::atomic<size_t> built = 0;
+  std::atomic<bool> full = false;
+  parallel_build(leaves.size(), kBallsPerTask, [&](size_t begin, size_t end) {
+    if (full.load(std::memory_order_relaxed)) return;
+    Workspace workspace;
+    if (!make(std::span(leaves).subspan(begin, end - begin), cancel, workspace)) return;
+    for (size_t i = begin; i < end; ++i) {
+      if (leaves[i]->table.get() == nullptr)
+        full = true;
+      else
+        ++built;
+    }
+  });
+  return built;
+}
+
+}  // namespace barycast
