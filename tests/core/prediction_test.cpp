@@ -149,8 +149,9 @@ TEST(Prediction, ThatIsWrongIsCorrectedElsewhere) {
   for (const Shape& shape : {testing::box(), testing::open_box()}) {
     const auto index = testing::make_index(shape);
     const auto points = testing::random_points(10, 3, -1.6, 1.6, 5);
-    const OverSeeds plain = testing::over_seeds(index, testing::loose_points(points),
-                                                {.samples = 3000, .thickness = 2e-4, .prune_below = 0.0}, 8);
+    const OverSeeds plain = testing::over_seeds(
+        index, testing::loose_points(points),
+        {.estimator = Estimator::kSampling, .samples = 3000, .thickness = 2e-4, .prune_below = 0.0}, 8);
     for (const Corrected::Change change : {too_small_on_half_of_the_cage, of_others}) {
       const Corrected estimator(*index, 120, 3000, 2e-4, change);
       std::vector<Corrected::Rows> rows;
@@ -219,7 +220,7 @@ TEST_P(PredictedRowsOf, ConvergeToWhereSamplesDo) {
   constexpr size_t kPoints = 10;
   const auto index = testing::make_index(GetParam().shape);
   const QueryInput queries = testing::loose_points(testing::random_points(kPoints, 3, -1.6, 1.6, 6));
-  Options options{.samples = 600, .thickness = 2e-4, .prune_below = 0.0};
+  Options options{.estimator = Estimator::kSampling, .samples = 600, .thickness = 2e-4, .prune_below = 0.0};
   const OverSeeds plain = testing::over_seeds(index, queries, options, 6);
   options.estimator = Estimator::kPredicted;
   options.seed = 1000;

@@ -22,7 +22,7 @@ class BadInput : public ServerTest {
                        .block_rows_max = 100,
                        .message_bytes_max = 100'000,
                        .digests_max = 2,
-                       .request_bytes_max = 4 << 20};
+                       .request_bytes_max = 16 << 20};
     start(settings);
   }
 

@@ -164,7 +164,7 @@ TEST_F(EstimateCost, NumbersAreThoseOfTheAnswer) {
         bytes += block.offsets().data().size() + block.indices().data().size() + block.values().data().size() +
                  block.gradients().data().size() + block.flags().size();
       EXPECT_EQ(response.output_bytes(), bytes);
-      EXPECT_EQ(response.samples(), 1000u * 50u);
+      EXPECT_EQ(response.samples(), 1000u * 12u);
       EXPECT_EQ(response.samples(), answer.summary->samples());
     }
 }

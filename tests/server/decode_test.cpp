@@ -47,7 +47,7 @@ TEST(DecodeHeader, AcceptsASoundOne) {
 
 TEST(DecodeHeader, KnowsEveryEstimator) {
   const std::vector<std::pair<v1::Estimator, Estimator>> pairs = {
-      {v1::ESTIMATOR_UNSPECIFIED, Estimator::kSampling},
+      {v1::ESTIMATOR_UNSPECIFIED, Estimator::kPredicted},
       {v1::ESTIMATOR_SAMPLING, Estimator::kSampling},
       {v1::ESTIMATOR_BOUNDARY_ELEMENT, Estimator::kBoundaryElement},
       {v1::ESTIMATOR_EXACT, Estimator::kExact},

@@ -52,7 +52,8 @@ TEST_F(Service, TetrahedronHasItsAffineCoordinates) {
   ASSERT_TRUE(answer.header && answer.summary);
   EXPECT_EQ(answer.header->control_vertex_count(), 4u);
   EXPECT_EQ(answer.header->output().block_rows(), 64u);
-  EXPECT_EQ(answer.header->options().samples(), 50u);
+  EXPECT_EQ(answer.header->options().samples(), 12u);
+  EXPECT_EQ(answer.header->options().estimator(), v1::ESTIMATOR_PREDICTED);
   EXPECT_EQ(answer.header->options().coordinates(), v1::COORDINATE_KIND_HARMONIC);
   EXPECT_EQ(answer.header->cage_digest().sha256(), digest_of(tetrahedron()).sha256());
   EXPECT_GT(answer.header->numerics_version(), 0u);
