@@ -117,6 +117,7 @@ std::variant<ComputeJob::Response, Refusal> ComputeJob::begin(const std::atomic<
                         .options = plan_->options,
                         .smoothing_time = binding_->smoothing_time(),
                         .float64 = plan_->float64,
+                        .errors = plan_->errors,
                         .block_rows = block_rows_,
                         .control_vertex_count = index_->control_vertex_count()});
 }
@@ -129,7 +130,9 @@ ComputeJob::Step ComputeJob::step(const std::atomic<bool>& cancel, bool report) 
       if (report) step.message = progress_message();
       break;
     case Binding::Step::kBlock:
-      step.message = encode_rows(binding_->take_block(), index_->dimension(), plan_->float64);
+      step.message =
+          encode_rows(binding_->take_block(),
+                      {.dimension = index_->dimension(), .float64 = plan_->float64, .errors = plan_->errors});
       state_.counters.blocks_produced.fetch_add(1, std::memory_order_relaxed);
       break;
     case Binding::Step::kDone:

@@ -29,8 +29,8 @@ struct CageStorage {
   std::vector<uint32_t> segments, triangles, quads, polygon_offsets, polygon_corners;
 
   CageInput input() const;
-  uint64_t stencil_max() const;     // as Cage::stencil_max
-  uint64_t element_count() const;   // as CageIndex::element_count, where none is degenerate
+  uint64_t stencil_max() const;    // as Cage::stencil_max
+  uint64_t element_count() const;  // as CageIndex::element_count, where none is degenerate
   uint64_t control_vertex_count() const { return control_vertices.size() / static_cast<uint64_t>(dimension); }
 };
 
@@ -53,6 +53,7 @@ struct ComputePlan {
   QueryCounts counts;
   ResolvedOptions options;
   bool float64 = false;
+  bool errors = false;      // rows say what they are off by
   uint32_t block_rows = 0;  // 0: as fits
   uint64_t first_row = 0;
   std::optional<double> resumed_smoothing_time;  // of a resume: what the first answer said, 0 without denoising

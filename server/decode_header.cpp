@@ -2,6 +2,7 @@
 
 #include <limits>
 
+#include "bind/cost.h"
 #include "decode.h"
 #include "refusal.h"
 
@@ -112,6 +113,7 @@ Result<Options> decode_options(const v1::ComputeOptions& in, const v1::OutputOpt
   if (in.has_walk_steps_max()) out.walk_steps_max = in.walk_steps_max();
   if (in.has_prune_below()) out.prune_below = in.prune_below();
   if (in.has_smoothing_time()) out.smoothing_time = in.smoothing_time();
+  if (in.has_target_error()) out.target_error = in.target_error();
   out.gradients = output.gradients();
   out.influences_max = output.influences_max();
   return out;
@@ -137,6 +139,10 @@ Status decode_output(const v1::OutputOptions& in, const Limits& limits, ComputeP
     return over_limit(path + "block_rows", in.block_rows(), limits.block_rows_max, "ask for fewer, or 0");
   }
   plan.block_rows = in.block_rows();
+  if (in.errors() && plan.options.target_error == 0.0)
+    return invalid_argument(path + "errors",
+                            "only rows of a target error know theirs; set options.target_error as well");
+  plan.errors = in.errors();
   return Done{};
 }
 
@@ -170,6 +176,12 @@ Result<ComputePlan> decode_choices(const Message& message, const Limits& limits)
   if (!options) return options.error();
   Result<ResolvedOptions> resolved = resolve(*options, plan.counts.faces > 0);
   if (!resolved) return at_options(resolved.error());
+  if (const uint64_t most = samples_most(*resolved); resolved->target_error > 0.0 && most > limits.samples_max) {
+    return invalid_argument("header.options.target_error",
+                            fmt::format("up to {} samples a point, more than this server's limit of {}; set samples "
+                                        "instead",
+                                        most, limits.samples_max));
+  }
   plan.options = *resolved;
   if (Status s = decode_output(message.output(), limits, plan); !s) return s.error();
   return plan;

@@ -69,9 +69,13 @@ void encode_options(const ResponseFacts& facts, v1::ComputeOptions& out) {
   out.set_prune_below(options.prune_below);
   if (options.estimator == Estimator::kBoundaryElement) out.set_panels(options.panels);
   if (!takes_samples(options.estimator)) return;
-  out.set_samples(options.samples);
   out.set_thickness(options.thickness);
   out.set_walk_steps_max(options.walk_steps_max);
+  if (options.target_error > 0.0) {
+    out.set_target_error(options.target_error);
+    return;
+  }
+  out.set_samples(options.samples);
   out.set_smoothing_time(facts.smoothing_time);
 }
 
@@ -101,6 +105,7 @@ v1::ComputeCoordinatesResponse encode_header(const ResponseFacts& facts) {
   header.mutable_output()->set_gradients(facts.options.gradients);
   header.mutable_output()->set_block_rows(facts.block_rows);
   header.mutable_output()->set_influences_max(facts.options.influences_max);
+  header.mutable_output()->set_errors(facts.errors);
   header.set_numerics_version(kNumericsVersion);
   header.set_control_vertex_count(facts.control_vertex_count);
   return response;
@@ -114,17 +119,18 @@ v1::ComputeCoordinatesResponse encode_progress(const Progress& progress) {
   return response;
 }
 
-v1::ComputeCoordinatesResponse encode_rows(const RowBlock& block, int dimension, bool float64) {
+v1::ComputeCoordinatesResponse encode_rows(const RowBlock& block, const RowFormat& format) {
   v1::ComputeCoordinatesResponse response;
   v1::RowBlock& rows = *response.mutable_rows();
   rows.set_first_row(block.first_row);
   encode_uint32(block.offsets, *rows.mutable_offsets());
   encode_uint32(block.indices, *rows.mutable_indices());
-  encode_float(block.values, 1, float64, *rows.mutable_values());
+  encode_float(block.values, 1, format.float64, *rows.mutable_values());
   if (!block.gradients.empty()) {
-    encode_float(block.gradients, static_cast<uint32_t>(dimension), float64, *rows.mutable_gradients());
+    encode_float(block.gradients, static_cast<uint32_t>(format.dimension), format.float64, *rows.mutable_gradients());
   }
   rows.set_flags(block.flags.data(), block.flags.size());
+  if (format.errors) rows.set_errors(block.errors.data(), block.errors.size() * sizeof(float));
   return response;
 }
 
@@ -143,6 +149,7 @@ v1::ComputeCoordinatesResponse encode_summary(const BindingSummary& summary, dou
   out.mutable_rows()->set_few_samples(summary.rows_few_samples);
   out.mutable_rows()->set_no_samples(summary.rows_no_samples);
   out.mutable_rows()->set_rank_deficient(summary.rows_rank_deficient);
+  out.set_rows_above_target(summary.rows_above_target);
   out.set_linear_precision_error_max(summary.linear_precision_error_max);
   const auto add_time = [&out](const char* stage, double seconds) {
     out.add_times()->set_stage(stage);
@@ -209,6 +216,10 @@ void encode_cost(const RequestCost& cost, v1::EstimateCostResponse& response) {
 uint64_t entry_bytes(int dimension, bool gradients, bool float64) {
   const uint64_t scalar = float64 ? 8 : 4;
   return 4 + scalar * (1 + (gradients ? static_cast<uint64_t>(dimension) : 0));
+}
+
+uint64_t row_bytes(bool errors) {
+  return 5 + (errors ? 2 * sizeof(float) : 0);
 }
 
 }  // namespace barycast::server

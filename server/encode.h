@@ -19,13 +19,20 @@ struct ResponseFacts {
   ResolvedOptions options;
   double smoothing_time = 0.0;
   bool float64 = false;
+  bool errors = false;
   uint32_t block_rows = 0;
   uint32_t control_vertex_count = 0;
 };
 
 v1::ComputeCoordinatesResponse encode_header(const ResponseFacts& facts);
 v1::ComputeCoordinatesResponse encode_progress(const Progress& progress);
-v1::ComputeCoordinatesResponse encode_rows(const RowBlock& block, int dimension, bool float64);
+// How rows are written.
+struct RowFormat {
+  int dimension = 3;
+  bool float64 = false;
+  bool errors = false;  // with what they are off by
+};
+v1::ComputeCoordinatesResponse encode_rows(const RowBlock& block, const RowFormat& format);
 // `cage_s`: wall time from the lookup of the cage to its index.
 v1::ComputeCoordinatesResponse encode_summary(const BindingSummary& summary, double cage_s);
 
@@ -37,5 +44,7 @@ v1::GetCapabilitiesResponse encode_capabilities(const Limits& limits, const std:
 
 // Bytes of one entry of a row: index, value, gradient.
 uint64_t entry_bytes(int dimension, bool gradients, bool float64);
+// Bytes of a row that has no entries: offset, flags, errors.
+uint64_t row_bytes(bool errors);
 
 }  // namespace barycast::server

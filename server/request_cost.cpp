@@ -88,12 +88,13 @@ Result<RequestCost> price(const ComputePlan& plan, BindingSize size, const Limit
   cost.block_rows = choose_block_rows(plan, size, limits);
   size.block_rows = cost.block_rows;
   const uint64_t per_entry = entry_bytes(size.dimension, options.gradients, plan.float64);
-  const uint64_t block_bytes_max = std::min(size.block_rows, size.points) * (5 + size.control_vertices * per_entry);
+  const uint64_t block_bytes_max =
+      std::min(size.block_rows, size.points) * (row_bytes(plan.errors) + size.control_vertices * per_entry);
   cost.memory_bytes = estimate_memory_bytes(size, options);
   cost.admitted_bytes = bound_memory_bytes(size, options) + kBlocksOnTheirWay * block_bytes_max;
   cost.samples = estimate_samples(size, options);
   const uint64_t blocks = (size.points + size.block_rows - 1) / size.block_rows;
-  cost.output_bytes = estimate_entries(size, options) * per_entry + size.points * 5 + blocks * 4;
+  cost.output_bytes = estimate_entries(size, options) * per_entry + size.points * row_bytes(plan.errors) + blocks * 4;
   if (cost.admitted_bytes <= limits.request_bytes_max) return cost;
   return Error{ErrorCode::kResourceExhausted, "header.queries",
                fmt::format("up to {} bytes of working memory, more than this server's limit of {}; cut the points into "

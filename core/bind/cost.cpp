@@ -210,7 +210,14 @@ class Model {
     const double rows =
         4.0 * sizeof(double) * static_cast<double>(columns) + 2.0 * grown(vertices()) * sizeof(RowEntry<D>);
     const auto sums = static_cast<double>(PanelSums::evaluation_bytes(kTask, columns, count, options_.gradients));
-    return 32'000.0 + static_cast<double>(size_.threads) * (samples + points + rows + sums + 12'000.0);
+    return 32'000.0 +
+           static_cast<double>(size_.threads) * (samples + points + rows + sums + rounds(0.5 * kTask) + 12'000.0);
+  }
+  // Of every thread: what the rounds of a task's points found, half of one again while it grows, and one in doubles.
+  double rounds(double points) const {
+    if (options_.target_error == 0.0) return 0.0;
+    const double found = static_cast<double>(CorrectedEstimator::kRoundsMost) * vertices();
+    return found * (sizeof(float) * (points + 0.5) + sizeof(double)) + points * (vertices() * sizeof(float) + 200.0);
   }
 
   double factorization() const {
@@ -262,9 +269,14 @@ uint64_t bound_memory_bytes(const BindingSize& size, const ResolvedOptions& opti
   return static_cast<uint64_t>(kMargin * static_cast<double>(peak_bytes(size, options, worst(size, options))));
 }
 
-uint64_t estimate_samples(const BindingSize& size, const ResolvedOptions& options) {
+uint64_t samples_most(const ResolvedOptions& options) {
+  const uint64_t rounds = options.target_error > 0.0 ? CorrectedEstimator::kRoundsMost : 1;
   const bool lines = options.coordinates != CoordinateKind::kHarmonic && options.preset != Preset::kPaper;
-  return size.points * (lines ? uint64_t{options.samples} + options.samples % 2 : options.samples);
+  return rounds * (lines ? uint64_t{options.samples} + options.samples % 2 : options.samples);
+}
+
+uint64_t estimate_samples(const BindingSize& size, const ResolvedOptions& options) {
+  return size.points * samples_most(options);
 }
 
 uint64_t estimate_entries(const BindingSize& size, const ResolvedOptions& options) {

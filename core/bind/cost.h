@@ -9,7 +9,7 @@
 // surfaces show (measured: tests/core/cost_test.cpp, within 25 %); the bound takes the worst of the first,
 // all that samples could touch, twice the fill of a surface, and a tenth more of everything. Of a prediction, which is
 // made where the cage's index does not hold it yet, the estimate takes one: for the inside of a closed cage; the bound
-// takes the other as well, for points outside.
+// takes the other as well, for points outside. To a target error, both take all the rounds that there may be.
 
 #include <cstdint>
 
@@ -41,8 +41,10 @@ uint64_t estimate_memory_bytes(const BindingSize& size, const ResolvedOptions& o
 // has a bound of its own, see smooth/heat.h.
 uint64_t bound_memory_bytes(const BindingSize& size, const ResolvedOptions& options);
 
-// Walks or rays: points times samples. Rays come in lines of two, an even number per point inside the cage's
-// enclosing ball; with the paper preset there are fewer where they have several hits.
+// Walks or rays of a point at the most, and of all. Rays come in lines of two, an even number per point inside the
+// cage's enclosing ball; with the paper preset there are fewer where they have several hits, with a target error where
+// it is met.
+uint64_t samples_most(const ResolvedOptions& options);
 uint64_t estimate_samples(const BindingSize& size, const ResolvedOptions& options);
 
 // Entries of all rows, as expected; exact where nothing is pruned.

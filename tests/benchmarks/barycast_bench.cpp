@@ -160,7 +160,7 @@ Run run_once(const Job& job, const Variant& variant, const ResolvedOptions& opti
     if (step != Binding::Step::kBlock) continue;
     run.total += watch.lap();
     const RowBlock block = (*binding)->take_block();
-    run.encoded_bytes += server::encode_rows(block, 3, false).ByteSizeLong();
+    run.encoded_bytes += server::encode_rows(block, {}).ByteSizeLong();
     run.rows += block.row_count();
     const double encoding = watch.lap();
     run.stages["encode"] += encoding;

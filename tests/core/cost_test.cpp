@@ -211,6 +211,22 @@ TEST(Cost, BoundHoldsForFewPointsOfManyVertices) {
       }
 }
 
+// Nothing but the noise decides how many rounds there are: here all of them, of the tasks of both threads.
+TEST(Cost, BoundHoldsForAllRoundsToATargetError) {
+  for (const int n : {4, 8}) {
+    const auto index = testing::make_index(testing::sphere(n, 1.0));
+    Options choice = predicted(true);
+    choice.target_error = 1e-5;
+    const auto options = *resolve(choice, false);
+    const QueryInput queries = loose(64);
+    const BindingSize size = size_of(*index, queries);
+    const Measured measured = measure(index, queries, options);
+    EXPECT_EQ(estimate_samples(size, options), 64u * 12u * 512u);
+    EXPECT_EQ(measured.samples, 64u * 12u * 512u);
+    EXPECT_GE(bound_memory_bytes(size, options), measured.peak) << n;
+  }
+}
+
 // Few points, of which some may be outside: what the cage's predictions take is nearly all.
 TEST(Cost, BoundHoldsForPredictionsOfBothSides) {
   for (const Shape& cage : {testing::sphere(8, 1.0), testing::open_box()})

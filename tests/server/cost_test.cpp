@@ -63,6 +63,9 @@ const std::vector<Spoil> kSpoils = {
     [](auto& h) { h.mutable_options()->set_walk_steps_max(0); },
     [](auto& h) { h.mutable_options()->set_prune_below(std::nan("")); },
     [](auto& h) { h.mutable_options()->set_smoothing_time(-1); },
+    [](auto& h) { h.mutable_options()->set_target_error(1e-3); },  // more samples than this server takes
+    [](auto& h) { h.mutable_options()->set_target_error(2.0); },
+    [](auto& h) { h.mutable_output()->set_errors(true); },
     [](auto& h) { h.mutable_output()->set_type(v1::DATA_TYPE_UINT32); },
     [](auto& h) { h.mutable_output()->set_block_rows(10'000'000); },
     [](auto& h) { h.mutable_output()->set_influences_max(3); },
@@ -121,6 +124,30 @@ TEST_F(EstimateCost, OfAPredictionIsTheSameForAKnownCage) {
     ASSERT_EQ(estimate(request.header(), known).code, kOk);
     EXPECT_EQ(known.memory_bytes(), sent.memory_bytes());
   }
+}
+
+// How many rounds a point takes depends on its noise: the estimate says the most, in samples and in memory.
+TEST_F(EstimateCost, OfATargetErrorIsTheMost) {
+  DaemonSettings more = settings();
+  more.limits.samples_max = 6144;
+  start(more);
+  auto request = header(100);
+  request.mutable_header()->mutable_options()->set_estimator(v1::ESTIMATOR_PREDICTED);
+  request.mutable_header()->mutable_output()->set_type(v1::DATA_TYPE_FLOAT64);
+  v1::EstimateCostResponse once, most, with_errors;
+  ASSERT_EQ(estimate(request.header(), once).code, kOk);
+  request.mutable_header()->mutable_options()->set_target_error(1e-5);
+  ASSERT_EQ(estimate(request.header(), most).code, kOk);
+  EXPECT_EQ(most.samples(), 100u * 12u * 512u);
+  EXPECT_GT(most.memory_bytes(), once.memory_bytes() + 32 * 512 * 4 * sizeof(float));
+  request.mutable_header()->mutable_output()->set_errors(true);
+  ASSERT_EQ(estimate(request.header(), with_errors).code, kOk);
+  EXPECT_EQ(with_errors.output_bytes(), most.output_bytes() + 100 * 8);
+  const Answer answer = client_->compute({request, points(inner_points(100))});
+  ASSERT_EQ(answer.code, kOk) << answer.message;
+  EXPECT_LE(answer.summary->samples(), most.samples());
+  ASSERT_EQ(answer.rows.size(), 1u);
+  EXPECT_EQ(answer.rows[0].errors().size(), 100u * 8u);
 }
 
 TEST_F(EstimateCost, AnUnknownCageIsMissing) {

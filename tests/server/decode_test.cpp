@@ -4,6 +4,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cstring>
+#include <functional>
 #include <limits>
 #include <set>
 
@@ -112,6 +114,86 @@ TEST(DecodeHeader, RefusesToPredict) {
   h = asks();
   h.mutable_options()->set_samples(101);
   expect_refused(h, kInvalid, "header.options.samples");
+}
+
+v1::ComputeHeader asks_for_target(double target) {
+  v1::ComputeHeader h = sound();
+  h.mutable_options()->set_target_error(target);
+  h.mutable_output()->set_errors(true);
+  return h;
+}
+
+TEST(DecodeHeader, TakesATargetErrorInsteadOfSamples) {
+  v1::ComputeHeader h = asks_for_target(2e-3);
+  h.mutable_queries()->set_face_count(1);
+  h.mutable_queries()->set_corner_count(3);
+  const Result<ComputePlan> plan = decode_header(h, {});
+  ASSERT_TRUE(plan.ok()) << plan.error().text();
+  EXPECT_EQ(plan->options.estimator, Estimator::kPredicted);
+  EXPECT_EQ(plan->options.target_error, 2e-3);
+  EXPECT_EQ(plan->options.denoise, Denoise::kNone);
+  EXPECT_TRUE(plan->errors);
+  h.mutable_output()->set_errors(false);
+  EXPECT_FALSE(decode_header(h, {})->errors);
+}
+
+TEST(DecodeHeader, RefusesATargetErrorWhereItMakesNoSense) {
+  const auto field = [](const std::function<void(v1::ComputeHeader&)>& spoil, const Limits& limits = {}) {
+    v1::ComputeHeader h = asks_for_target(2e-3);
+    spoil(h);
+    const Result<ComputePlan> plan = decode_header(h, limits);
+    return plan.ok() ? "" : plan.error().field;
+  };
+  EXPECT_EQ(field([](auto& h) { h.mutable_options()->set_samples(12); }), "header.options.samples");
+  EXPECT_EQ(field([](auto& h) { h.mutable_options()->set_denoise(v1::DENOISE_MESH); }), "header.options.denoise");
+  EXPECT_EQ(field([](auto& h) { h.mutable_options()->set_smoothing_time(0.0); }), "header.options.denoise");
+  const std::string path = "header.options.target_error";
+  EXPECT_EQ(field([](auto& h) { h.mutable_options()->set_estimator(v1::ESTIMATOR_SAMPLING); }), path);
+  EXPECT_EQ(field([](auto& h) { h.mutable_options()->set_preset(v1::PRESET_PAPER); }), path);
+  EXPECT_EQ(field([](auto& h) { h.mutable_options()->set_coordinates(v1::COORDINATE_KIND_MEAN_VALUE); }), path);
+  for (const double bad : {0.0, -1e-3, 1e-6, 2.0, std::numeric_limits<double>::quiet_NaN()})
+    EXPECT_EQ(field([&](auto& h) { h.mutable_options()->set_target_error(bad); }), path) << bad;
+  EXPECT_EQ(field([](auto& h) { h.mutable_options()->clear_target_error(); }), "header.output.errors");
+  // As many samples a point as all rounds have are too many, or just not.
+  EXPECT_EQ(field([](auto&) {}, Limits{.samples_max = 6143}), path);
+  EXPECT_EQ(field([](auto&) {}, Limits{.samples_max = 6144}), "");
+}
+
+// What the answer's header says may be asked for again.
+TEST(EncodeHeader, ATargetErrorGoesRound) {
+  v1::ComputeHeader h = asks_for_target(2e-3);
+  const v1::ComputeCoordinatesResponse answer = encode_header({.digest = {},
+                                                               .options = decode_header(h, {})->options,
+                                                               .float64 = true,
+                                                               .errors = true,
+                                                               .block_rows = 10,
+                                                               .control_vertex_count = 4});
+  const v1::ComputeOptions& said = answer.header().options();
+  EXPECT_EQ(said.target_error(), 2e-3);
+  EXPECT_EQ(said.denoise(), v1::DENOISE_NONE);
+  EXPECT_FALSE(said.has_samples());
+  EXPECT_FALSE(said.has_smoothing_time());
+  EXPECT_TRUE(answer.header().output().errors());
+  *h.mutable_options() = said;
+  *h.mutable_output() = answer.header().output();
+  const Result<ComputePlan> again = decode_header(h, {});
+  ASSERT_TRUE(again.ok()) << again.error().text();
+  EXPECT_EQ(again->options.target_error, 2e-3);
+}
+
+TEST(EncodeRows, CarryErrorsWhereAskedFor) {
+  const RowBlock block{.offsets = {0, 1, 2},
+                       .indices = {0, 1},
+                       .values = {1.0, 1.0},
+                       .gradients = {},
+                       .flags = {0, 0},
+                       .errors = {1e-3f, 2e-3f, 0.0f, 0.5f}};
+  EXPECT_TRUE(encode_rows(block, {}).rows().errors().empty());
+  const std::string bytes = encode_rows(block, {.errors = true}).rows().errors();
+  ASSERT_EQ(bytes.size(), 4 * sizeof(float));
+  std::vector<float> sent(4);
+  std::memcpy(sent.data(), bytes.data(), bytes.size());
+  EXPECT_EQ(sent, block.errors);
 }
 
 TEST(DecodeHeader, DefaultsToFloat32) {

@@ -64,7 +64,8 @@ std::vector<std::string> row_bytes(const Answer& answer) {
     for (size_t i = 0; i + 1 < offsets.size(); ++i)
       rows.push_back(cut(block.indices(), 4, offsets[i], offsets[i + 1]) +
                      cut(block.values(), 8, offsets[i], offsets[i + 1]) +
-                     cut(block.gradients(), 24, offsets[i], offsets[i + 1]) + block.flags()[i]);
+                     cut(block.gradients(), 24, offsets[i], offsets[i + 1]) + block.flags()[i] +
+                     (block.errors().empty() ? "" : block.errors().substr(8 * i, 8)));
   }
   return rows;
 }
@@ -116,6 +117,23 @@ TEST_F(Resume, IsRefusedWhereRowsWouldNotBelongTogether) {
   EXPECT_EQ(refused(true, from), std::to_string(kFailedPrecondition) + " header.resume.numerics_version");
   from.clear_numerics_version();
   EXPECT_EQ(refused(true, from), std::to_string(kFailedPrecondition) + " header.resume.numerics_version");
+}
+
+TEST_F(Resume, GivesTheErrorsOfTheUnbrokenStream) {
+  auto requests = request(true);
+  requests[0].mutable_header()->mutable_options()->set_target_error(2e-3);
+  requests[0].mutable_header()->mutable_output()->set_errors(true);
+  const Answer whole = client_->compute(requests);
+  ASSERT_EQ(whole.code, kOk) << whole.message;
+  EXPECT_EQ(whole.header->options().target_error(), 2e-3);
+  for (const uint32_t row : {1u, 64u, kCount - 1}) {
+    *requests[0].mutable_header()->mutable_resume() = resume(whole, row);
+    requests[0].mutable_header()->mutable_output()->set_block_rows(17);
+    const Answer rest = client_->compute(requests);
+    ASSERT_EQ(rest.code, kOk) << rest.message;
+    const auto expected = row_bytes(whole);
+    EXPECT_EQ(row_bytes(rest), std::vector<std::string>(expected.begin() + row, expected.end()));
+  }
 }
 
 // The first request may state a time itself; the resume repeats it.
