@@ -94,8 +94,14 @@ TEST_F(Rows, ThatDoNotAreRefused) {
   EXPECT_TRUE(refuses([&] { block_.mutable_indices()->set_rows(uint64_t{1} << 62); }));
   EXPECT_TRUE(refuses([&] { block_.mutable_indices()->set_columns(0); }));
   EXPECT_TRUE(refuses([&] { block_.clear_offsets(); }));
+  EXPECT_TRUE(refuses([&] { block_.set_errors(std::string(16, '\0')); }));  // not asked for
   header_.mutable_output()->set_gradients(true);
   EXPECT_TRUE(refuses([] {}));
+  header_.mutable_output()->set_gradients(false);
+  header_.mutable_output()->set_errors(true);
+  EXPECT_TRUE(refuses([] {}));
+  EXPECT_TRUE(refuses([&] { block_.set_errors(std::string(17, '\0')); }));
+  EXPECT_FALSE(refuses([&] { block_.set_errors(std::string(16, '\0')); }));
 }
 
 Failure failure(Code code) {

@@ -25,6 +25,9 @@ ParsedArguments parse_arguments(int argc, char** argv) {
       ->capture_default_str();
   app.add_option("--panels", options.panels, "Boundary elements, at most (default: 1000)");
   app.add_option("--samples", options.samples, "Walks or rays per point (default: 50; predicted: 12)");
+  app.add_option("--target-error", options.target_error,
+                 "Predicted, instead of --samples: walks until a point's standard error is this, 1e-5 to 1");
+  app.add_flag("--errors", options.errors, "With --target-error: also store every point's error");
   app.add_option("--seed", options.seed)->capture_default_str();
   app.add_option("--preset", preset)->check(CLI::IsMember({"default", "paper"}))->capture_default_str();
   app.add_option("--denoise", denoise, "auto: over the model's faces, when it has any")

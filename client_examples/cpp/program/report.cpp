@@ -29,10 +29,27 @@ void append(std::string& list, const std::string& item) {
 std::string method(const client::ComputeOptions& options) {
   const uint32_t panels = options.panels.value_or(0), samples = options.samples.value_or(0);
   const bool sampling = options.estimator == client::Estimator::kSampling;
+  if (const double target = options.target_error.value_or(0); target > 0)
+    return name(options.estimator) + " to a standard error of " + decimals(target, "%g") + ", preset " +
+           name(options.preset) + ", denoise " + name(options.denoise) + ", seed " + std::to_string(options.seed);
   if (!sampling && samples == 0)
     return name(options.estimator) + (panels > 0 ? ", at most " + thousands(panels) + " panels" : "");
   return (sampling ? "" : name(options.estimator) + ", ") + std::to_string(samples) + " samples per point, preset " +
          name(options.preset) + ", denoise " + name(options.denoise) + ", seed " + std::to_string(options.seed);
+}
+
+// Of the errors that the binding holds, if any: median and largest; and how many are above the target.
+std::string errors(const client::Binding& binding) {
+  std::vector<float> standard;
+  for (size_t row = 0; 2 * row < binding.errors.size(); ++row) standard.push_back(binding.errors[2 * row]);
+  std::sort(standard.begin(), standard.end());
+  std::string text = "standard error of rows: ";
+  if (!standard.empty()) {
+    const double median = 0.5 * (double{standard[(standard.size() - 1) / 2]} + double{standard[standard.size() / 2]});
+    text += "median " + decimals(median, "%.1e") + ", worst " + decimals(double{standard.back()}, "%.1e") + "; ";
+  }
+  return text + thousands(binding.report.rows_above_target) + " above the target of " +
+         decimals(binding.report.options.target_error.value_or(0), "%g") + "\n";
 }
 
 // Longer than a daemon on this machine or a name's resolution takes.
@@ -117,6 +134,7 @@ std::string summary(const client::Binding& binding) {
   text += "rows flagged: " + (flagged.empty() ? "none" : flagged) + "\n";
   text += "linear-precision error: " + decimals(report.linear_precision_error_max, "%.1e") +
           " diagonals before rounding to " + name(options.type) + "\n";
+  if (options.target_error.value_or(0) > 0) text += errors(binding);
   for (const client::Warning& warning : report.warnings) {
     text += "warning: " + warning.field + ": " + warning.message + "\n";
   }

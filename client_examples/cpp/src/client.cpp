@@ -69,6 +69,7 @@ void append(const RowBlock& block, size_t points, Binding& binding) {
   for (size_t i = 1; i < block.offsets.size(); ++i) binding.offsets.push_back(begin + block.offsets[i]);
   append(block.indices, binding.indices);
   append(block.flags, binding.flags);
+  append(block.errors, binding.errors);
   std::visit([&](auto& values) { append(block.values, values); }, binding.values);
   std::visit([&](auto& gradients) { append(block.gradients, gradients); }, binding.gradients);
 }

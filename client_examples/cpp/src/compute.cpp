@@ -136,8 +136,12 @@ Outcome Computation::use_header(const v1::ResponseHeader& header) {
     return data_loss("the server counts other control vertices than the cage has", "header.control_vertex_count");
   }
   const v1::OutputOptions asked = output_message(options_);
-  if (header.output().type() != asked.type() || header.output().gradients() != asked.gradients()) {
+  if (header.output().type() != asked.type() || header.output().gradients() != asked.gradients() ||
+      header.output().errors() != asked.errors()) {
     return data_loss("the server writes rows otherwise than asked", "header.output");
+  }
+  if (options_.target_error && !header.options().has_target_error()) {
+    return data_loss("the server knows no target error; ask for samples", "header.options.target_error");
   }
   if (next_row_ > 0 && header.numerics_version() != header_->numerics_version()) return build_changed();
   if (next_row_ > 0) resumed_rows_.push_back(next_row_);

@@ -56,10 +56,12 @@ ComputeOptions from_message(const v1::ComputeOptions& options, const v1::OutputO
           .walk_steps_max = options.walk_steps_max(),
           .prune_below = options.prune_below(),
           .smoothing_time = options.smoothing_time(),
+          .target_error = options.target_error(),
           .type = static_cast<DataType>(output.type()),
           .gradients = output.gradients(),
           .block_rows = output.block_rows(),
-          .influences_max = output.influences_max()};
+          .influences_max = output.influences_max(),
+          .errors = output.errors()};
 }
 
 }  // namespace
@@ -111,6 +113,7 @@ v1::ComputeOptions to_message(const ComputeOptions& options) {
   if (options.walk_steps_max) message.set_walk_steps_max(*options.walk_steps_max);
   if (options.prune_below) message.set_prune_below(*options.prune_below);
   if (options.smoothing_time) message.set_smoothing_time(*options.smoothing_time);
+  if (options.target_error) message.set_target_error(*options.target_error);
   return message;
 }
 
@@ -120,6 +123,7 @@ v1::OutputOptions output_message(const ComputeOptions& options) {
   message.set_gradients(options.gradients);
   message.set_block_rows(options.block_rows);
   message.set_influences_max(options.influences_max);
+  message.set_errors(options.errors);
   return message;
 }
 
@@ -157,6 +161,12 @@ Result<RowBlock> from_message(const v1::RowBlock& message, const v1::ResponseHea
     fits = (entries == 0 && message.gradients().data().empty()) ||
            read_reals(message.gradients(), type, entries, dimension, block.gradients);
   }
+  const std::string& errors = message.errors();
+  fits = fits && errors.size() == (header.output().errors() ? 2 * sizeof(float) * rows : 0);
+  if (fits && !errors.empty()) {
+    block.errors.resize(2 * rows);
+    std::memcpy(block.errors.data(), errors.data(), errors.size());
+  }
   if (!fits || block.offsets.front() != 0 || block.offsets.back() != entries ||
       !std::is_sorted(block.offsets.begin(), block.offsets.end())) {
     return misfit;
@@ -191,6 +201,7 @@ Report make_report(const v1::ResponseHeader& header, const v1::Summary& summary,
   report.walks_capped = summary.walks_capped();
   report.walks_discarded = summary.walks_discarded();
   report.walk_reentries = summary.walk_reentries();
+  report.rows_above_target = summary.rows_above_target();
   report.linear_precision_error_max = summary.linear_precision_error_max();
   for (const v1::StageTime& time : summary.times()) report.seconds.emplace_back(time.stage(), time.seconds());
   report.cage_cache_hit = header.cage_cache_hit();

@@ -84,7 +84,9 @@ std::string to_json(const ComputeOptions& options) {
       .add("smoothing_time", options.smoothing_time.value_or(0))
       .add("dtype", quoted(name(options.type)))
       .add("gradients", options.gradients);
-  object.add("influences_max", uint64_t{options.influences_max});
+  object.add("influences_max", uint64_t{options.influences_max})
+      .add("target_error", options.target_error.value_or(0))
+      .add("errors", options.errors);
   return object.text();
 }
 
@@ -123,6 +125,7 @@ std::string to_json(const Report& report) {
       .add("walks_capped", report.walks_capped)
       .add("walks_discarded", report.walks_discarded)
       .add("walk_reentries", report.walk_reentries)
+      .add("rows_above_target", report.rows_above_target)
       .add("build_version", quoted(report.build_version))
       .text();
 }

@@ -78,6 +78,7 @@ bool write(const Binding& binding, std::FILE* stream) {
   file.add_text("cage_digest", binding.cage_digest);
   file.add_text("report", to_json(binding.report));
   if (binding.report.options.gradients) add_reals(file, "gradients", binding.gradients, binding.report.dimension);
+  if (binding.report.options.errors) file.add("errors", "<f4", {binding.point_count(), 2}, bytes_of(binding.errors));
   return file.finish();
 }
 

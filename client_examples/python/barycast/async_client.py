@@ -73,11 +73,12 @@ class AsyncClient:
                    gradients: bool = False, dtype: Any = "float32", progress: Optional[ProgressCallback] = None,
                    thickness: Optional[float] = None, walk_steps_max: Optional[int] = None,
                    prune_below: Optional[float] = None, smoothing_time: Optional[float] = None,
-                   influences_max: int = 0, estimator: str = "sampling", panels: Optional[int] = None) -> Binding:
+                   influences_max: int = 0, estimator: str = "sampling", panels: Optional[int] = None,
+                   target_error: Optional[float] = None, errors: bool = False) -> Binding:
         """As `Client.bind`."""
         options = compute_options(coordinates, preset, samples, seed, denoise, thickness, walk_steps_max, prune_below,
-                                  smoothing_time, estimator, panels)
-        output = output_options(dtype, gradients, influences_max)
+                                  smoothing_time, estimator, panels, target_error)
+        output = output_options(dtype, gradients, influences_max, errors)
         return await self.bind_with(cage, points, faces, options, output, progress)
 
     async def bind_with(self, cage: Cage, points: Any, faces: Any, options: options_pb2.ComputeOptions,

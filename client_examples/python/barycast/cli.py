@@ -60,6 +60,9 @@ def _add_bind(verbs: Verbs) -> argparse.ArgumentParser:
                            "exact: mean value, closed cages of triangles and polygons")
     bind.add_argument("--panels", type=int, help="boundary elements, at most (default: 1000)")
     bind.add_argument("--samples", type=int, help="walks or rays per point (default: 50; predicted: 12)")
+    bind.add_argument("--target-error", type=float, metavar="T",
+                      help="predicted, instead of --samples: walks until a point's standard error is T, 1e-5 to 1")
+    bind.add_argument("--errors", action="store_true", help="with --target-error: also store every point's error")
     bind.add_argument("--seed", type=int, default=0)
     bind.add_argument("--preset", choices=PRESETS, default="default")
     bind.add_argument("--denoise", choices=("auto", "none"), default="auto",

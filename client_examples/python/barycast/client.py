@@ -84,15 +84,17 @@ class Client:
              gradients: bool = False, dtype: Any = "float32", progress: Optional[ProgressCallback] = None,
              thickness: Optional[float] = None, walk_steps_max: Optional[int] = None,
              prune_below: Optional[float] = None, smoothing_time: Optional[float] = None,
-             influences_max: int = 0, estimator: str = "sampling", panels: Optional[int] = None) -> Binding:
+             influences_max: int = 0, estimator: str = "sampling", panels: Optional[int] = None,
+             target_error: Optional[float] = None, errors: bool = False) -> Binding:
         """All rows of `compute` as one sparse matrix. None follows the preset. influences_max: coordinates kept per
         row, d + 1 or more; 0: all. estimator: "sampling", "predicted" (harmonic: walks correct a prediction,
         surface cages in space that are not too large), or without samples "boundary-element" (harmonic, at most
-        `panels` of them) or "exact" (mean value, closed cages of triangles and polygons). Throws InputError,
-        ServerError."""
+        `panels` of them) or "exact" (mean value, closed cages of triangles and polygons). target_error: of predicted
+        coordinates, instead of samples: as many walks a point as bring the standard error of its row down to it, at
+        most 6144, and nothing denoised; errors: the binding then holds those errors. Throws InputError, ServerError."""
         options = compute_options(coordinates, preset, samples, seed, denoise, thickness, walk_steps_max, prune_below,
-                                  smoothing_time, estimator, panels)
-        output = output_options(dtype, gradients, influences_max)
+                                  smoothing_time, estimator, panels, target_error)
+        output = output_options(dtype, gradients, influences_max, errors)
         return self.bind_with(cage, points, faces, options, output, progress)
 
     def bind_with(self, cage: Cage, points: Any, faces: Any, options: options_pb2.ComputeOptions,

@@ -63,7 +63,7 @@ class Exchange:
     def collector(self) -> RowCollector:
         """Takes this computation's rows."""
         return RowCollector(len(self), len(self.cage.control_vertices), self.cage.dimension, self.dtype,
-                            self._output.gradients)
+                            self._output.gradients, self._output.errors)
 
     def begin(self) -> None:
         """Back to before the first attempt."""
@@ -109,7 +109,8 @@ class Exchange:
             progress = response.progress
             self._progress(name_of(STAGES, progress.stage), progress.done, progress.total)
         elif kind == "rows":
-            rows = rows_from_message(response.rows, self.dtype, self.cage.dimension, self._output.gradients)
+            rows = rows_from_message(response.rows, self.dtype, self.cage.dimension, self._output.gradients,
+                                     self._output.errors)
             if self._next_row == len(self) == rows.first_row + len(rows.flags):
                 return None
             if rows.first_row != self._next_row:
@@ -123,6 +124,9 @@ class Exchange:
         return None
 
     def _accept(self, header: barycast_pb2.ResponseHeader) -> None:
+        if self._options.HasField("target_error") and not header.options.HasField("target_error"):
+            raise ServerError("knows no target error; ask for samples", code="DATA_LOSS",
+                              field="header.options.target_error")
         if self.header is None or self._next_row == 0:
             self.header = header
             return

@@ -52,7 +52,8 @@ def compute_options(coordinates: str = "harmonic", preset: str = "default", samp
                     seed: int = 0, denoise: str = "auto", thickness: Optional[float] = None,
                     walk_steps_max: Optional[int] = None, prune_below: Optional[float] = None,
                     smoothing_time: Optional[float] = None, estimator: str = "sampling",
-                    panels: Optional[int] = None) -> options_pb2.ComputeOptions:
+                    panels: Optional[int] = None, target_error: Optional[float] = None
+                    ) -> options_pb2.ComputeOptions:
     """What to compute; None follows the preset. Ranges are the server's to check, names and whole numbers are
     checked here. Throws InputError naming the field."""
     return options_pb2.ComputeOptions(
@@ -66,16 +67,18 @@ def compute_options(coordinates: str = "harmonic", preset: str = "default", samp
         thickness=thickness,
         walk_steps_max=_whole(walk_steps_max, "options.walk_steps_max", 32),
         prune_below=prune_below,
-        smoothing_time=smoothing_time)
+        smoothing_time=smoothing_time,
+        target_error=target_error)
 
 
-def output_options(dtype: Any = "float32", gradients: bool = False, influences_max: int = 0
+def output_options(dtype: Any = "float32", gradients: bool = False, influences_max: int = 0, errors: bool = False
                    ) -> options_pb2.OutputOptions:
     """How rows are written. dtype: float32 or float64, as a name or numpy type. influences_max: 0, or d + 1 or
-    more."""
+    more. errors: with a target error only."""
     name = dtype if isinstance(dtype, str) else np.dtype(dtype).name
     return options_pb2.OutputOptions(type=_number(DTYPES, name, "output.type"), gradients=gradients,
-                                     influences_max=_whole(influences_max, "output.influences_max", 32))
+                                     influences_max=_whole(influences_max, "output.influences_max", 32),
+                                     errors=errors)
 
 
 def estimate_request(point_count: int, faces: Any, options: options_pb2.ComputeOptions,
@@ -102,6 +105,8 @@ def describe(options: options_pb2.ComputeOptions, output: options_pb2.OutputOpti
         "dtype": name_of(DTYPES, output.type),
         "gradients": output.gradients,
         "influences_max": output.influences_max,
+        "target_error": options.target_error,
+        "errors": output.errors,
     }
 
 

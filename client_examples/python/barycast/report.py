@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Dict, List
+from typing import TYPE_CHECKING, Any, Dict, List, Optional
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,9 @@ from .options import COORDINATES, ESTIMATORS, PRESETS, describe, flag_names, nam
 if TYPE_CHECKING:
     from .binding import Binding
 
-_COUNTERS = ("samples", "walk_steps", "walks_capped", "walks_discarded", "walk_reentries")
-_SUMMARIZED = {"options", "seconds", "linear_precision_error_max", "warnings", *_COUNTERS}
+_WALKS = ("samples", "walk_steps", "walks_capped", "walks_discarded", "walk_reentries")
+_COUNTERS = (*_WALKS, "rows_above_target")
+_SUMMARIZED = {"options", "seconds", "linear_precision_error_max", "warnings", *_WALKS}
 
 
 def make_report(computation: Exchange, entry_count: int, flags: NDArray[Any]) -> Dict[str, Any]:
@@ -53,9 +54,10 @@ def rows_by_flag(flags: NDArray[Any]) -> Dict[str, int]:
 
 
 def statistics(binding: Binding) -> Dict[str, Any]:
-    """Recounted from the arrays: points, control_vertices, entries, entries per row (mean, max), rows by flag."""
+    """Recounted from the arrays: points, control_vertices, entries, entries per row (mean, max), rows by flag, errors
+    (median and largest standard error, median and largest 95 % bound) where the binding holds any."""
     per_row = np.diff(binding.matrix.indptr)
-    return {
+    values: Dict[str, Any] = {
         "points": binding.matrix.shape[0],
         "control_vertices": binding.matrix.shape[1],
         "entries": int(binding.matrix.nnz),
@@ -63,6 +65,11 @@ def statistics(binding: Binding) -> Dict[str, Any]:
         "entries_per_row_max": int(per_row.max()) if len(per_row) else 0,
         "rows": rows_by_flag(binding.flags),
     }
+    if binding.errors is not None and len(binding.errors):
+        medians, worst = np.median(binding.errors, axis=0), binding.errors.max(axis=0)
+        values["errors"] = {"standard_median": float(medians[0]), "standard_max": float(worst[0]),
+                            "at_95_median": float(medians[1]), "at_95_max": float(worst[1])}
+    return values
 
 
 def linear_precision_error(binding: Binding, cage: Cage, points: NDArray[Any]) -> float:
@@ -98,6 +105,8 @@ def summary_lines(binding: Binding) -> List[str]:
         f'linear-precision error: {report["linear_precision_error_max"]:.1e} diagonals before rounding to '
         f'{options["dtype"]}',
     ]
+    if options.get("target_error"):
+        lines.append(_errors_line(counts.get("errors"), report.get("rows_above_target", 0), options["target_error"]))
     if report.get("resumed_rows"):
         rows = ", ".join(f"{row:,}" for row in report["resumed_rows"])
         lines.append(f"resumed at row {rows} after lost connections; samples, seconds by stage and the error "
@@ -105,9 +114,17 @@ def summary_lines(binding: Binding) -> List[str]:
     return lines + [f'warning: {warning["field"]}: {warning["message"]}' for warning in report["warnings"]]
 
 
+def _errors_line(errors: Optional[Dict[str, float]], above: int, target: float) -> str:
+    held = f'median {errors["standard_median"]:.1e}, worst {errors["standard_max"]:.1e}; ' if errors else ""
+    return f"standard error of rows: {held}{above:,} above the target of {target:g}"
+
+
 def _method(options: Dict[str, Any]) -> str:
     """How coordinates were found. Reports of the first versions name no estimator: they sampled."""
     estimator = options.get("estimator", "sampling")
+    if options.get("target_error"):
+        return (f'{estimator} to a standard error of {options["target_error"]:g}, preset {options["preset"]}, '
+                f'denoise {options["denoise"]}, seed {options["seed"]}')
     if estimator != "sampling" and not options["samples"]:
         return estimator + (f', at most {options["panels"]:,} panels' if options["panels"] else "")
     named = "" if estimator == "sampling" else f"{estimator}, "

@@ -23,8 +23,8 @@ class Rows:
     """Consecutive rows. Row first_row + i has the entries offsets[i] ... offsets[i + 1] - 1.
 
     offsets: (k + 1) uint32. indices: nnz uint32, control vertices in ascending order. values: nnz. gradients: nnz x d
-    per unit of the caller's length, or None. flags: k uint8, bits of RowFlag. All read-only views of the bytes of the
-    message.
+    per unit of the caller's length, or None. flags: k uint8, bits of RowFlag. errors: k x 2 float32, or None. All
+    read-only views of the bytes of the message.
     """
 
     first_row: int
@@ -33,9 +33,11 @@ class Rows:
     values: NDArray[Any]
     gradients: Optional[NDArray[Any]]
     flags: NDArray[Any]
+    errors: Optional[NDArray[Any]] = None
 
 
-def rows_from_message(block: barycast_pb2.RowBlock, dtype: Any, dimension: int, with_gradients: bool) -> Rows:
+def rows_from_message(block: barycast_pb2.RowBlock, dtype: Any, dimension: int, with_gradients: bool,
+                      with_errors: bool = False) -> Rows:
     """Throws ServerError when the arrays do not fit together. dtype: of values and gradients."""
     dtype = np.dtype(dtype)
     offsets = arrays.from_message(block.offsets, np.dtype("u4"), "rows.offsets")
@@ -43,10 +45,12 @@ def rows_from_message(block: barycast_pb2.RowBlock, dtype: Any, dimension: int, 
     values = arrays.from_message(block.values, dtype, "rows.values")
     gradients = arrays.from_message(block.gradients, dtype, "rows.gradients") if with_gradients else None
     flags = np.frombuffer(block.flags, np.uint8)
-    if (len(offsets) != len(flags) + 1 or offsets[-1] != len(indices) or len(values) != len(indices)
+    misfit = len(block.errors) != (8 * len(flags) if with_errors else 0)
+    if (misfit or len(offsets) != len(flags) + 1 or offsets[-1] != len(indices) or len(values) != len(indices)
             or (gradients is not None and gradients.shape != (len(indices), dimension))):
         raise ServerError("the arrays of a block of rows do not fit together", code="DATA_LOSS", field="rows")
-    return Rows(block.first_row, offsets, indices, values, gradients, flags)
+    errors = np.frombuffer(block.errors, "<f4").reshape(-1, 2) if with_errors else None
+    return Rows(block.first_row, offsets, indices, values, gradients, flags, errors)
 
 
 class _Growing:
@@ -78,11 +82,12 @@ class RowCollector:
     in the result, so the peak is the result and one block. A block with row 0 starts anew."""
 
     def __init__(self, point_count: int, control_vertex_count: int, dimension: int, dtype: Any,
-                 with_gradients: bool) -> None:
+                 with_gradients: bool, with_errors: bool = False) -> None:
         self._shape = (point_count, control_vertex_count)
         self._new_gradients = functools.partial(_Growing, dtype, dimension) if with_gradients else None
         self._dtype = dtype
         self.flags = np.zeros(point_count, np.uint8)
+        self.errors = np.zeros((point_count, 2), np.float32) if with_errors else None
         self._ends = np.zeros(point_count + 1, np.int64)
         self._start()
 
@@ -102,6 +107,8 @@ class RowCollector:
             self._gradients.append(rows.gradients, part)
         self._ends[first + 1:end + 1] = self._ends[first] + rows.offsets[1:]
         self.flags[first:end] = rows.flags
+        if self.errors is not None and rows.errors is not None:
+            self.errors[first:end] = rows.errors
 
     def matrix(self) -> scipy.sparse.csr_matrix:
         """n x v, over the gathered arrays themselves; once, at the end."""

@@ -49,6 +49,7 @@ struct Report {
   RowCounts rows;
   // Of the last attempt alone, where a broken one was resumed.
   uint64_t samples = 0, walk_steps = 0, walks_capped = 0, walks_discarded = 0, walk_reentries = 0;
+  uint64_t rows_above_target = 0;                       // whose standard error is
   double linear_precision_error_max = 0;                // before rounding to the output type, in diagonals
   std::vector<std::pair<std::string, double>> seconds;  // the server's, by stage; "total" is the client's wall time
   bool cage_cache_hit = false;
@@ -64,6 +65,7 @@ struct Binding {
   Reals values;                         // nnz; rows sum to one
   Reals gradients;                      // nnz x d in the order of values, or empty
   std::vector<uint8_t> flags;           // n, bits of RowFlag
+  std::vector<float> errors;            // n x 2: standard error, 95 % bound, of noise and not of bias; or empty
   std::string cage_digest;              // hexadecimal
   Report report;
 

@@ -81,6 +81,7 @@ struct RowBlock {
   Reals values;                   // nnz
   Reals gradients;                // nnz x d, or empty
   std::vector<uint8_t> flags;     // k, bits of RowFlag
+  std::vector<float> errors;      // k x 2, or empty
 };
 
 struct Progress {

@@ -30,11 +30,14 @@ struct ComputeOptions {
   std::optional<uint32_t> walk_steps_max = {};  // longest walk
   std::optional<double> prune_below = {};       // drop smaller coordinates
   std::optional<double> smoothing_time = {};    // in squared diagonals
+  // Of predicted coordinates, instead of samples: the standard error that a row's values are to have.
+  std::optional<double> target_error = {};
 
   DataType type = DataType::kFloat32;  // of values and gradients
   bool gradients = false;              // per unit of the caller's length
   uint32_t block_rows = 0;             // rows per block; 0: the server chooses
   uint32_t influences_max = 0;         // coordinates kept per row; 0: all
+  bool errors = false;                 // what rows are off by, with a target error
 };
 
 // "mean-value", "paper", "auto", "float32", "sampling"; a value that this client does not know becomes its number.
