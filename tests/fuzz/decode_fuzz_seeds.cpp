@@ -49,6 +49,9 @@ int main(int argc, char** argv) {
   auto named = header(1);
   named.mutable_header()->mutable_cage_digest()->set_sha256(std::string(32, 'x'));
   named.mutable_header()->mutable_cage_digest()->set_size_bytes(184);
+  auto targeted = header(2);
+  targeted.mutable_header()->mutable_options()->set_target_error(1e-3);
+  targeted.mutable_header()->mutable_output()->set_errors(true);
   const std::vector<std::string> seeds = {
       uploaded(tetrahedron()),
       uploaded(square()),
@@ -57,6 +60,7 @@ int main(int argc, char** argv) {
       framed({header(1, square()), points({0.5, 0.5}, 2)}),
       framed({meshed, points(inner_points(4)), faces({4}, {0, 1, 2, 3})}),
       framed({named, points(inner_points(1))}),
+      framed({targeted, points(inner_points(2))}),
   };
   for (size_t i = 0; i < seeds.size(); ++i) {
     std::ofstream out(std::string(argv[1]) + "/seed" + std::to_string(i), std::ios::binary);
