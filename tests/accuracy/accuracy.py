@@ -26,8 +26,9 @@ from surface import Surface
 from table import HEAD, line_of
 
 KINDS = ("harmonic", "mean-value", "positive-mean-value")
-# What each preset of this program asks of the service, and for which kinds.
-PRESETS = {"paper": ({"preset": "paper"}, KINDS), "default": ({"preset": "default"}, KINDS),
+# What each preset of this program asks of the service, and for which kinds. `predicted` is what it does for harmonic
+# coordinates by default, `sampling` for the others.
+PRESETS = {"paper": ({"preset": "paper"}, KINDS), "sampling": ({"estimator": "sampling"}, KINDS),
            "paper-300": ({"preset": "paper", "walk_steps_max": 300}, ("harmonic",)),
            "predicted": ({"estimator": "predicted"}, ("harmonic",))}
 ESTIMATORS = {"boundary-element": ({"estimator": "boundary-element"}, ("harmonic",)),
@@ -41,7 +42,7 @@ def arguments_of(command_line):
     parser.add_argument("model", help="with faces, where denoising is asked for")
     parser.add_argument("--coordinates", nargs="+", choices=KINDS, default=KINDS)
     parser.add_argument("--sets", nargs="+", choices=NAMES, default=NAMES)
-    parser.add_argument("--preset", nargs="*", choices=PRESETS, default=["paper", "default"])
+    parser.add_argument("--preset", nargs="*", choices=PRESETS, default=["paper", "sampling"])
     parser.add_argument("--estimator", nargs="*", choices=ESTIMATORS, default=[], help="also, without samples")
     parser.add_argument("--estimator-panels", nargs="+", type=int, default=[1000], help="of boundary-element")
     parser.add_argument("--samples", nargs="+", type=int, default=[50])

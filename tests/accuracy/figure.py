@@ -7,7 +7,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402  (the backend comes first)
 from matplotlib.ticker import NullFormatter  # noqa: E402
 
-COLOURS = {"paper": "#b03a2e", "paper-300": "#d68910", "default": "#1f618d", "boundary-element": "#117a65",
+COLOURS = {"paper": "#b03a2e", "paper-300": "#d68910", "sampling": "#1f618d", "boundary-element": "#117a65",
            "exact": "#6c3483", "predicted": "#17202a"}
 STYLES = {"auto": "-", "none": "--"}
 ROUNDING = 1e-9  # below it there is nothing to see: rows on the cage are the basis

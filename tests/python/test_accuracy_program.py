@@ -44,7 +44,7 @@ def measured(real_daemon, environment, tmp_path):
 def test_harmonic(measured, tmp_path):
     options = ["--coordinates", "harmonic", "--samples", "20", "--seeds", "2", "--panels", "300",
                "--plot", tmp_path / "out.png"]
-    options += ["--preset", "paper", "default", "predicted"]
+    options += ["--preset", "paper", "sampling", "predicted"]
     done, records = measured(BOX_QUADS, *options, "--estimator", "boundary-element", "--estimator-panels", "100")
     assert done.returncode == 0, done.stderr
     # Four sets; two presets and the corrected prediction, denoised and not; and the boundary elements.
@@ -64,9 +64,9 @@ def test_harmonic(measured, tmp_path):
                 or record["bias"] == 0
     error = {(r["set"], r["preset"], r["denoise"]): r["E_rms"] for r in records}
     for name in ("inside", "outside"):
-        assert error[name, "boundary-element", "none"] < 0.1 * error[name, "default", "none"]
-        assert error[name, "predicted", "none"] < 0.2 * error[name, "default", "none"]
-    assert error["on", "default", "none"] < 1e-12
+        assert error[name, "boundary-element", "none"] < 0.1 * error[name, "sampling", "none"]
+        assert error[name, "predicted", "none"] < 0.2 * error[name, "sampling", "none"]
+    assert error["on", "sampling", "none"] < 1e-12
 
     # References are kept, and the same run gives the same figures.
     files = {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").iterdir()}

@@ -8,7 +8,7 @@ namespace barycast::program {
 ParsedArguments parse_arguments(int argc, char** argv) {
   Arguments arguments;
   client::ComputeOptions& options = arguments.options;
-  std::string coordinates = "harmonic", preset = "default", denoise = "auto", type = "float32", estimator = "sampling";
+  std::string coordinates = "harmonic", preset = "default", denoise = "auto", type = "float32", estimator = "auto";
 
   CLI::App app("barycast_bind: computes a model's coordinates with respect to a cage");
   app.set_version_flag("--version", "barycast_bind " BARYCAST_VERSION);
@@ -21,10 +21,11 @@ ParsedArguments parse_arguments(int argc, char** argv) {
       ->check(CLI::IsMember({"harmonic", "mean-value", "positive-mean-value"}))
       ->capture_default_str();
   app.add_option("--estimator", estimator, "How coordinates are found")
-      ->check(CLI::IsMember({"sampling", "predicted", "boundary-element", "exact"}))
+      ->check(CLI::IsMember({"auto", "sampling", "predicted", "boundary-element", "exact"}))
       ->capture_default_str();
   app.add_option("--panels", options.panels, "Boundary elements, at most (default: 1000)");
-  app.add_option("--samples", options.samples, "Walks or rays per point (default: 50; predicted: 12)");
+  app.add_option("--samples", options.samples,
+                 "Walks or rays per point (default: 12 to correct a prediction, else 50)");
   app.add_option("--target-error", options.target_error,
                  "Predicted, instead of --samples: walks until a point's standard error is this, 1e-5 to 1");
   app.add_flag("--errors", options.errors, "With --target-error: also store every point's error");

@@ -19,7 +19,8 @@ constexpr Names<Stage, 4> kStages{{{Stage::kSampling, "sampling"},
                                    {Stage::kSmoothing, "smoothing"},
                                    {Stage::kRows, "rows"},
                                    {Stage::kSolving, "solving"}}};
-constexpr Names<Estimator, 4> kEstimators{{{Estimator::kSampling, "sampling"},
+constexpr Names<Estimator, 5> kEstimators{{{Estimator::kAuto, "auto"},
+                                           {Estimator::kSampling, "sampling"},
                                            {Estimator::kBoundaryElement, "boundary-element"},
                                            {Estimator::kExact, "exact"},
                                            {Estimator::kPredicted, "predicted"}}};

@@ -73,7 +73,7 @@ class AsyncClient:
                    gradients: bool = False, dtype: Any = "float32", progress: Optional[ProgressCallback] = None,
                    thickness: Optional[float] = None, walk_steps_max: Optional[int] = None,
                    prune_below: Optional[float] = None, smoothing_time: Optional[float] = None,
-                   influences_max: int = 0, estimator: str = "sampling", panels: Optional[int] = None,
+                   influences_max: int = 0, estimator: str = "auto", panels: Optional[int] = None,
                    target_error: Optional[float] = None, errors: bool = False) -> Binding:
         """As `Client.bind`."""
         options = compute_options(coordinates, preset, samples, seed, denoise, thickness, walk_steps_max, prune_below,

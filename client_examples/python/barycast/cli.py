@@ -55,11 +55,12 @@ def _add_bind(verbs: Verbs) -> argparse.ArgumentParser:
     bind.add_argument("model", metavar="MODEL", help=".obj, .ply, .stl or .npz; without faces: loose points")
     bind.add_argument("-o", "--output", metavar="BIND.npz", help="required, except with --estimate")
     bind.add_argument("--coordinates", choices=COORDINATES, default="harmonic")
-    bind.add_argument("--estimator", choices=ESTIMATORS, default="sampling",
-                      help="predicted: harmonic, walks correct a prediction; boundary-element: harmonic, no noise; "
+    bind.add_argument("--estimator", choices=ESTIMATORS, default="auto",
+                      help="auto: the best that kind, preset and cage allow (default); sampling: every kind and cage; "
+                           "predicted: harmonic, walks correct a prediction; boundary-element: harmonic, no noise; "
                            "exact: mean value, closed cages of triangles and polygons")
     bind.add_argument("--panels", type=int, help="boundary elements, at most (default: 1000)")
-    bind.add_argument("--samples", type=int, help="walks or rays per point (default: 50; predicted: 12)")
+    bind.add_argument("--samples", type=int, help="walks or rays per point (default: 12 to correct a prediction, else 50)")
     bind.add_argument("--target-error", type=float, metavar="T",
                       help="predicted, instead of --samples: walks until a point's standard error is T, 1e-5 to 1")
     bind.add_argument("--errors", action="store_true", help="with --target-error: also store every point's error")

@@ -84,11 +84,11 @@ class Client:
              gradients: bool = False, dtype: Any = "float32", progress: Optional[ProgressCallback] = None,
              thickness: Optional[float] = None, walk_steps_max: Optional[int] = None,
              prune_below: Optional[float] = None, smoothing_time: Optional[float] = None,
-             influences_max: int = 0, estimator: str = "sampling", panels: Optional[int] = None,
+             influences_max: int = 0, estimator: str = "auto", panels: Optional[int] = None,
              target_error: Optional[float] = None, errors: bool = False) -> Binding:
         """All rows of `compute` as one sparse matrix. None follows the preset. influences_max: coordinates kept per
-        row, d + 1 or more; 0: all. estimator: "sampling", "predicted" (harmonic: walks correct a prediction,
-        surface cages in space that are not too large), or without samples "boundary-element" (harmonic, at most
+        row, d + 1 or more; 0: all. estimator: "auto" (the best that kind, preset and cage
+        allow), "sampling", "predicted" (harmonic: walks correct a prediction, surface cages in space that are not too large), or without samples "boundary-element" (harmonic, at most
         `panels` of them) or "exact" (mean value, closed cages of triangles and polygons). target_error: of predicted
         coordinates, instead of samples: as many walks a point as bring the standard error of its row down to it, at
         most 6144, and nothing denoised; errors: the binding then holds those errors. Throws InputError, ServerError."""

@@ -22,7 +22,7 @@ def _names(enum: Any) -> Dict[str, int]:
 
 COORDINATES = _names(options_pb2.CoordinateKind)
 PRESETS = _names(options_pb2.Preset)
-ESTIMATORS = _names(options_pb2.Estimator)
+ESTIMATORS = {"auto": options_pb2.ESTIMATOR_UNSPECIFIED, **_names(options_pb2.Estimator)}
 DENOISE = _names(options_pb2.Denoise)
 STAGES = _names(barycast_pb2.Stage)
 FLAGS = _names(barycast_pb2.RowFlag)
@@ -51,7 +51,7 @@ def _whole(value: Optional[int], field: str, bits: int) -> Optional[int]:
 def compute_options(coordinates: str = "harmonic", preset: str = "default", samples: Optional[int] = None,
                     seed: int = 0, denoise: str = "auto", thickness: Optional[float] = None,
                     walk_steps_max: Optional[int] = None, prune_below: Optional[float] = None,
-                    smoothing_time: Optional[float] = None, estimator: str = "sampling",
+                    smoothing_time: Optional[float] = None, estimator: str = "auto",
                     panels: Optional[int] = None, target_error: Optional[float] = None
                     ) -> options_pb2.ComputeOptions:
     """What to compute; None follows the preset. Ranges are the server's to check, names and whole numbers are

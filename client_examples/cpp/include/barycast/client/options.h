@@ -16,12 +16,13 @@ enum class Preset { kDefault = 1, kPaper = 2 };
 enum class Denoise { kAuto = 1, kNone = 2, kMesh = 3 };
 enum class DataType { kFloat32 = 1, kFloat64 = 2 };
 enum class Stage { kSampling = 1, kSmoothing = 2, kRows = 3, kSolving = 4 };
-enum class Estimator { kSampling = 1, kBoundaryElement = 2, kExact = 3, kPredicted = 4 };
+// kAuto: the best that kind, preset and cage allow; the answer says which.
+enum class Estimator { kAuto = 0, kSampling = 1, kBoundaryElement = 2, kExact = 3, kPredicted = 4 };
 
 struct ComputeOptions {
   Coordinates coordinates = Coordinates::kHarmonic;
   Preset preset = Preset::kDefault;
-  Estimator estimator = Estimator::kSampling;
+  Estimator estimator = Estimator::kAuto;
   std::optional<uint32_t> samples = {};
   std::optional<uint32_t> panels = {};  // of boundary elements
   uint64_t seed = 0;
