@@ -236,11 +236,13 @@ bool all_start_inside(const CageStructures<3>& structures, const BallTables* tab
   parallel_for(points.size(), 256, [&](size_t begin, size_t end) {
     std::vector<SampleQuery<3>> query;
     std::array<Located<3>, 1> place;
+    InsideTest<3> inside_test(*structures.winding, true);
     for (size_t i = begin; i < end && all && !cancel; ++i) {
       if (tables != nullptr && tables->cover().clearance(points[i]) > thickness) continue;
       bool inside;
-      if ((*structures.walks).free_radius(points[i]) > 2 * thickness) {  // surely not on the cage
-        inside = structures.winding->inside(points[i]);
+      const double radius = (*structures.walks).free_radius(points[i]);
+      if (radius > 2 * thickness) {  // surely not on the cage
+        inside = inside_test(points[i], radius);
       } else {
         locator.locate(points.subspan(i, 1), 0, query, place);
         inside = !starts_outside(place[0], query[0].origin, *structures.winding);

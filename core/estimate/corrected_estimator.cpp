@@ -28,7 +28,7 @@ CorrectedEstimator::CorrectedEstimator(const Cage<3>& cage, const DistanceIndex<
                                        const HarmonicPrediction* inside, const HarmonicPrediction* elsewhere,
                                        const BallTables* tables, const Settings& settings)
     : cage_(cage),
-      locator_(cage, distance, winding, settings.thickness),
+      locator_(cage, distance, winding, settings.thickness, is_closed(cage)),
       walks_(walks),
       inside_(inside),
       elsewhere_(elsewhere),

@@ -30,14 +30,14 @@ Vec<D> Locator<D>::shifted(const Vec<D>& x, const CagePoint<D>& closest) const {
 }
 
 template <int D>
-SampleQuery<D> Locator<D>::locate(const Vec<D>& x, uint64_t seed, double within, bool inside, CagePoint<D>& closest,
-                                  Located<D>& out) const {
+SampleQuery<D> Locator<D>::locate(const Vec<D>& x, uint64_t seed, double within, bool known_inside,
+                                  InsideTest<D>& inside, CagePoint<D>& closest, Located<D>& out) const {
   closest = distance_.closest(x, within);
   out.flags = 0;
   out.distance = closest.distance;
   out.on_cage.reset();
   const bool tie = closest.distance <= kTie * thickness_;
-  if (!tie && !inside && !winding_.inside(x)) out.flags |= kRowOutside;
+  if (!tie && !known_inside && !inside(x, closest.distance)) out.flags |= kRowOutside;
   SampleQuery<D> query{x, closest.distance, QueryRandom(seed, position_key<D>(x))};
   if (closest.distance < thickness_) {
     out.flags |= kRowOnCage;

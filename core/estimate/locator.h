@@ -34,8 +34,10 @@ struct Clearances {
 template <int D>
 class Locator {
  public:
-  Locator(const Cage<D>& cage, const DistanceIndex<D>& distance, const WindingNumber<D>& winding, double thickness)
-      : cage_(cage), distance_(distance), winding_(winding), thickness_(thickness) {}
+  // closed: whether the cage is known to bound a volume (solve/closed.h), which saves time.
+  Locator(const Cage<D>& cage, const DistanceIndex<D>& distance, const WindingNumber<D>& winding, double thickness,
+          bool closed = false)
+      : cage_(cage), distance_(distance), winding_(winding), thickness_(thickness), closed_(closed) {}
 
   // One query and one place for every point (normalized frame). Faster for neighbours in space, and for points of
   // which something is known.
@@ -44,6 +46,7 @@ class Locator {
               const Clearances& known = {}) const {
     queries.clear();
     CagePoint<D> closest;
+    InsideTest<D> inside(winding_, closed_);
     bool any = false;
     for (size_t i = 0; i < points.size(); ++i) {
       const double clearance = known.of_point.empty() ? 0.0 : known.of_point[i];
@@ -53,7 +56,7 @@ class Locator {
         continue;
       }
       const double within = any ? (closest.point - points[i]).norm() : std::numeric_limits<double>::infinity();
-      queries.push_back(locate(points[i], seed, within, clearance > 0, closest, places[i]));
+      queries.push_back(locate(points[i], seed, within, clearance > 0, inside, closest, places[i]));
       any = true;
     }
   }
@@ -61,15 +64,16 @@ class Locator {
   const WindingNumber<D>& winding() const { return winding_; }
 
  private:
-  // within: what the distance is known not to exceed; inside: known to be.
-  SampleQuery<D> locate(const Vec<D>& x, uint64_t seed, double within, bool inside, CagePoint<D>& closest,
-                        Located<D>& out) const;
+  // within: what the distance is known not to exceed; known_inside: to be.
+  SampleQuery<D> locate(const Vec<D>& x, uint64_t seed, double within, bool known_inside, InsideTest<D>& inside,
+                        CagePoint<D>& closest, Located<D>& out) const;
   Vec<D> shifted(const Vec<D>& x, const CagePoint<D>& closest) const;
 
   const Cage<D>& cage_;
   const DistanceIndex<D>& distance_;
   const WindingNumber<D>& winding_;
   double thickness_;
+  bool closed_;
 };
 
 extern template class Locator<2>;

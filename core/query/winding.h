@@ -43,6 +43,32 @@ class WindingNumber {
   std::vector<Node> nodes_;
 };
 
+// Which points are inside, for points that come one after the other, each with a radius about it that is free of the
+// cage. Of a closed cage the number is the same all over such a ball, so that the next point in it needs no evaluation:
+// the answers are those of `inside`, for balls kept off the facets that stand for patches.
+template <int D>
+class InsideTest {
+ public:
+  // closed: the elements bound a volume; false: every point is evaluated.
+  InsideTest(const WindingNumber<D>& winding, bool closed) : winding_(winding), closed_(closed) {}
+
+  bool operator()(const Vec<D>& x, double free_radius) {
+    if (!closed_) return winding_.inside(x);
+    if (!((x - centre_).norm() < radius_)) inside_ = winding_.inside(x);
+    centre_ = x;
+    radius_ = free_radius - kFacetDeviation;
+    return inside_;
+  }
+
+ private:
+  static constexpr double kFacetDeviation = 5e-3;  // and more: of facets from patches
+  const WindingNumber<D>& winding_;
+  bool closed_;
+  Vec<D> centre_ = Vec<D>::Zero();
+  double radius_ = 0.0;
+  bool inside_ = false;
+};
+
 extern template class WindingNumber<2>;
 extern template class WindingNumber<3>;
 

@@ -63,7 +63,7 @@ TEST_F(Verbs, EstimateSaysWhatItWouldCost) {
   const Result<Cost> cost = client_.estimate(box(), {.points = 1000}, {});
   ASSERT_TRUE(cost) << cost.error().text();
   EXPECT_GT(cost->memory_bytes, 0u);
-  EXPECT_EQ(cost->samples, 50'000u);
+  EXPECT_EQ(cost->samples, 12'000u);
 }
 
 TEST_F(Verbs, BindReproducesThePointsAndRepeats) {

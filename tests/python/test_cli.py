@@ -32,7 +32,7 @@ def bound(environment, tmp_path, box, *more):
 def test_bind_deform_inspect(daemon, environment, tmp_path, box):
     out, done = bound(environment, tmp_path, box, "--gradients")
     assert done.stderr == ""
-    assert "50 points, 8 control vertices, harmonic, 50 samples per point" in done.stdout
+    assert "50 points, 8 control vertices, harmonic, predicted, 12 samples per point" in done.stdout
     for words in ("seconds:", "walk steps", "linear-precision error", "coordinates per row", "rows flagged"):
         assert words in done.stdout
     assert scipy.sparse.load_npz(out).shape == (50, 8)
@@ -196,7 +196,7 @@ def test_estimate(fake, behaviour, environment, box):
     assert done.stdout == "5.0 MB of the server's memory, 1,000 samples, 0.0 MB of rows\n"
     assert behaviour.log == ["estimate", "digest", "upload", "estimate", "digest"]
     done = run(environment, "bind", *box, "--estimate", "--server", fake.address, "--json")
-    assert json.loads(done.stdout) == {"memory_bytes": 5_000_000, "samples": 2500, "output_bytes": 5000}
+    assert json.loads(done.stdout) == {"memory_bytes": 5_000_000, "samples": 600, "output_bytes": 5000}
     behaviour.estimates = False
     refused(run(environment, "bind", *box, "--estimate", "--server", fake.address), 3, "does not estimate costs")
 

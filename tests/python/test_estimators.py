@@ -60,7 +60,7 @@ def test_a_corrected_prediction_in_a_box(client):
     """A dozen walks to correct it are better than a hundred that sample, and the prediction is made once."""
     points = points_inside(300)
     binding = client.bind(box_cage(), points, estimator="predicted", dtype="float64", gradients=True)
-    sampled = client.bind(box_cage(), points, samples=100, dtype="float64")
+    sampled = client.bind(box_cage(), points, estimator="sampling", samples=100, dtype="float64")
 
     def rms(rows):
         return np.sqrt(((rows.matrix.toarray() - trilinear(points))**2).sum(axis=1).mean())

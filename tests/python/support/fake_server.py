@@ -166,7 +166,7 @@ class FakeService(barycast_pb2_grpc.BarycastServiceServicer):
         if not self.behaviour.estimates:
             context.abort(grpc.StatusCode.UNIMPLEMENTED, "")
         self._cage(request, context)
-        samples = (request.options.samples or 50) * request.queries.point_count
+        samples = (request.options.samples or 12) * request.queries.point_count
         return pb.EstimateCostResponse(memory_bytes=5_000_000, samples=samples,
                                        output_bytes=100 * request.queries.point_count)
 
@@ -175,7 +175,9 @@ class FakeService(barycast_pb2_grpc.BarycastServiceServicer):
         dtype = np.float64 if header.output.type == cage_pb2.DATA_TYPE_FLOAT64 else np.float32
         options = options_pb2.ComputeOptions()
         options.CopyFrom(header.options)
-        options.samples = options.samples or 50
+        # As the service does for such cages.
+        options.estimator = options.estimator or options_pb2.ESTIMATOR_PREDICTED
+        options.samples = options.samples or 12
         options.thickness = options.thickness or 1e-3
         yield pb.ComputeCoordinatesResponse(header=pb.ResponseHeader(
             options=options, output=header.output, numerics_version=self.behaviour.numerics_versions[0],
