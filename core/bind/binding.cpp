@@ -140,14 +140,10 @@ class BindingOf final : public Binding {
   // Of the nodes. None depends on another node but by the time that is given for all.
   std::vector<double> smoothing_times() const {
     const ResolvedOptions& options = settings_.options;
-    std::vector<double> times(queries_.nodes.size(), summary_.smoothing_time);
-    if (options.preset == Preset::kPaper) return times;
-    const double factor = smoothing_time_per_squared_distance(error_rate(options), options.samples);
-    for (size_t node = 0; node < times.size(); ++node) {
-      const double distance = std::max(fits_->state(node).distance, options.thickness);
-      times[node] = std::min(times[node], factor * distance * distance);
-    }
-    return times;
+    if (options.preset == Preset::kPaper) return std::vector<double>(queries_.nodes.size(), summary_.smoothing_time);
+    return barycast::smoothing_times(queries_.nodes.size(), summary_.smoothing_time,
+                                     smoothing_time_per_squared_distance(error_rate(options), options.samples),
+                                     options.thickness, [&](size_t node) { return fits_->state(node).distance; });
   }
 
   Step factor(const std::atomic<bool>& cancel) {

@@ -1,7 +1,6 @@
 #include "bind/predicted_binding.h"
 
 #include <algorithm>
-#include <cmath>
 
 #include "base/parallel.h"
 #include "base/workspace.h"
@@ -78,7 +77,6 @@ class PredictedBinding final : public Binding {
  private:
   struct Task {
     CorrectedEstimator::Workspace workspace;
-    std::vector<Vec<3>> points;
     std::vector<CorrectedPoint> places;
     std::vector<float> corrections;
     std::vector<Randomizations::Error> errors;
@@ -106,13 +104,10 @@ class PredictedBinding final : public Binding {
   }
 
   std::vector<double> smoothing_times() const {
-    std::vector<double> times(queries_.nodes.size(), summary_.smoothing_time);
-    const double factor = smoothing_time_per_squared_distance(ErrorRate::kSquareRoot, settings_.options.samples);
-    for (size_t node = 0; node < times.size(); ++node) {
-      const double distance = std::max(places_[node].distance, settings_.options.thickness);
-      times[node] = std::min(times[node], factor * distance * distance);
-    }
-    return times;
+    return barycast::smoothing_times(
+        queries_.nodes.size(), summary_.smoothing_time,
+        smoothing_time_per_squared_distance(ErrorRate::kSquareRoot, settings_.options.samples),
+        settings_.options.thickness, [&](size_t node) { return places_[node].distance; });
   }
 
   Step factor(const std::atomic<bool>& cancel) {

@@ -23,6 +23,11 @@ namespace barycast {
 // Coefficients of solid harmonics about a ball, columns() of each (estimate/ball_tables.h).
 using BallTable = std::vector<float>;
 
+// 0 below 0, 1 above 1, with slopes of 0 there.
+inline double smooth_step(double t) {
+  return t <= 0 ? 0.0 : t >= 1 ? 1.0 : t * t * (3 - 2 * t);
+}
+
 struct BallLeaf {
   uint64_t name = 0;  // of the cell in the octree
   Vec<3> centre = Vec<3>::Zero();
@@ -72,8 +77,7 @@ class BallCover {
 
   // The weight of a cell along one axis: 1 in it, 1/2 at its end, 0 at the end of its reach.
   static double fade(double from_middle, double half) {
-    const double t = (half * (1 + kOverlap) - std::abs(from_middle)) / (2 * kOverlap * half);
-    return t <= 0 ? 0.0 : t >= 1 ? 1.0 : t * t * (3 - 2 * t);
+    return smooth_step((half * (1 + kOverlap) - std::abs(from_middle)) / (2 * kOverlap * half));
   }
 
   template <class Body>

@@ -52,8 +52,7 @@ BallTables::BallTables(const Cage<3>& cage, const DistanceIndex<3>& distance, co
       columns_(cage.used_vertices().size()) {}
 
 double BallTables::part(double distance) {
-  const double t = (distance - BallCover::kDistanceMin) / (kOwnWalksEnd - BallCover::kDistanceMin);
-  return t <= 0 ? 0.0 : t >= 1 ? 1.0 : t * t * (3 - 2 * t);
+  return smooth_step((distance - BallCover::kDistanceMin) / (kOwnWalksEnd - BallCover::kDistanceMin));
 }
 
 void BallTables::fill(const SampleQuery<3>& query, const SampleSet<3>& samples, Workspace& workspace,

@@ -28,12 +28,12 @@ CorrectedEstimator::CorrectedEstimator(const Cage<3>& cage, const DistanceIndex<
                                        const HarmonicPrediction* inside, const HarmonicPrediction* elsewhere,
                                        const BallTables* tables, const Settings& settings)
     : cage_(cage),
-      locator_(cage, distance, winding, settings.thickness, is_closed(cage)),
+      is_closed_(is_closed(cage)),
+      locator_(cage, distance, winding, settings.thickness, is_closed_),
       walks_(walks),
       inside_(inside),
       elsewhere_(elsewhere),
       tables_(tables),
-      is_closed_(is_closed(cage)),
       settings_(settings) {}
 
 bool CorrectedEstimator::correct(std::span<const Vec<3>> points, uint64_t seed, const std::atomic<bool>& cancel,

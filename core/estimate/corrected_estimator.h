@@ -115,11 +115,11 @@ class CorrectedEstimator {
   void correct_moments(std::span<CorrectedPoint> points, Workspace& workspace, std::span<float> corrections) const;
 
   const Cage<3>& cage_;
+  bool is_closed_;
   Locator<3> locator_;
   HarmonicWalks<3> walks_;
   const HarmonicPrediction *inside_, *elsewhere_;
   const BallTables* tables_;
-  bool is_closed_;
   Settings settings_;
 };
 

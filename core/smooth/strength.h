@@ -4,8 +4,10 @@
 // the more bias. From the lengths of the query mesh's edges and the number of samples, so that it can be known before
 // any work is done; and, for a node near the cage, from its distance.
 
+#include <algorithm>
 #include <atomic>
 #include <optional>
+#include <vector>
 
 #include "smooth/laplacian.h"
 
@@ -45,5 +47,18 @@ double smoothing_time_of_corrections(const SquaredEdges& edges);
 // differs from [SBC 4.4]: one time for all blurs what is near the cage, where there is little noise. E at m = 50 on
 // FireHydrant's cage moved inwards by 0.0025: harmonic 0.1828 -> 0.0162, mean value 0.0852 -> 0.0023.
 double smoothing_time_per_squared_distance(ErrorRate rate, double samples);
+
+// The times of nodes: the longest, or what their distances from the cage, distance_of(node), allow. least: what a
+// distance counts as at least.
+template <class Distance>
+std::vector<double> smoothing_times(size_t nodes, double longest, double per_squared_distance, double least,
+                                    const Distance& distance_of) {
+  std::vector<double> times(nodes);
+  for (size_t node = 0; node < nodes; ++node) {
+    const double distance = std::max(distance_of(node), least);
+    times[node] = std::min(longest, per_squared_distance * distance * distance);
+  }
+  return times;
+}
 
 }  // namespace barycast

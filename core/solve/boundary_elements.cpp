@@ -164,9 +164,7 @@ void BoundarySolver::add_boundary_values(DensityGroups& groups) {
     const Element& element = cage_.elements()[panel.element];
     for (const TrianglePoint& rule : kTriangleRule) {
       const auto shares = element_shares(element.kind, panel, rule.barycentric);
-      Vec<3> y = Vec<3>::Zero();
-      for (size_t c = 0; c < static_cast<size_t>(element.corner_count()); ++c)
-        y += shares[c] * cage_.corner(element, static_cast<int>(c));
+      const Vec<3> y = point_at(cage_, element, shares);
       data_.entries(panel.element, shares, y, entries);
       for (size_t k = 0; k < 3; ++k) {
         const double weight = rule.weight * panel.area * (2 * rule.barycentric[k] - 1 / 3.0) * unknown_scale(panel);

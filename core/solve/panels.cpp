@@ -171,6 +171,12 @@ Result<Panels> Panels::cut(const Cage<3>& cage, uint32_t count) {
   return result;
 }
 
+Vec<3> point_at(const Cage<3>& cage, const Element& element, const std::array<double, 4>& shares) {
+  Vec<3> point = Vec<3>::Zero();
+  for (int i = 0; i < element.corner_count(); ++i) point += shares[static_cast<size_t>(i)] * cage.corner(element, i);
+  return point;
+}
+
 std::array<double, 4> element_shares(ElementKind kind, const Panel& panel, const std::array<double, 3>& barycentric) {
   Vec<2> at = Vec<2>::Zero();
   for (size_t k = 0; k < 3; ++k) at += barycentric[k] * panel.parameter[k];

@@ -40,6 +40,9 @@ struct Panels {
 // Shares of an element's corners at a point of one of its panels, by the barycentric coordinates in the panel.
 std::array<double, 4> element_shares(ElementKind kind, const Panel& panel, const std::array<double, 3>& barycentric);
 
+// The point of an element with these shares of its corners.
+Vec<3> point_at(const Cage<3>& cage, const Element& element, const std::array<double, 4>& shares);
+
 // Seven points of a triangle, exact to degree five [Radon 1948]; weights sum to one.
 struct TrianglePoint {
   std::array<double, 3> barycentric;

@@ -35,14 +35,6 @@ size_t columns_of(const HarmonicPrediction::CageSize& cage, BoundarySides side) 
   return side == BoundarySides::kInside ? cage.control_vertices : 4 * cage.control_vertices + 6;
 }
 
-Vec<3> point_at(const Cage<3>& cage, const ResidualTable::Node& node) {
-  const Element& element = cage.elements()[node.element];
-  Vec<3> point = Vec<3>::Zero();
-  for (int i = 0; i < element.corner_count(); ++i)
-    point += node.shares[static_cast<size_t>(i)] * cage.corner(element, i);
-  return point;
-}
-
 }  // namespace
 
 Status HarmonicPrediction::check(uint64_t surface_triangles, uint64_t control_vertices) {
@@ -82,7 +74,7 @@ void HarmonicPrediction::find_missing() {
     std::vector<ResidualTable::Node> nodes;
     for (size_t i = begin; i < end; ++i) {
       nodes.push_back(missing_.node(i));
-      points.push_back(point_at(cage_, nodes.back()));
+      points.push_back(point_at(cage_, cage_.elements()[nodes.back().element], nodes.back().shares));
     }
     Rows rows;
     sums_.evaluate(points, columns(), false, rows);
