@@ -104,7 +104,7 @@ unchanged() { # unchanged STAMP PATHS...
 }
 
 # Tests of numbers, at sizes that take minutes under sanitizers; others run the same code.
-measurements='Rate\.|Equivariance\.|AreTrilinearInABox|WalksConvergeTo|ReentryAgrees|ClosedFormOnTriangleCages|BoundaryElements\.Converge|JumpsBelow'
+measurements='Rate\.|Equivariance\.|AreTrilinearInABox|WalksConvergeTo|ReentryAgrees|ClosedFormOnTriangleCages|BoundaryElements\.Converge|JumpsBelow|TargetError\.Covers'
 
 sanitized() {
   local inputs=(build/asan/bin tests/house/lsan.supp)

@@ -47,8 +47,9 @@ TEST(Randomizations, SayHowFarTheirMeanIsOff) {
       for (const double decay : {1.0, 0.5}) {
         const Coverage found = normal_coverage(size, count, decay);
         EXPECT_NEAR(found.error / found.standard, 1.0, 0.1);
-        EXPECT_GT(found.within, 0.92) << size << " numbers, " << count << " times, decay " << decay;
-        EXPECT_LT(found.within, 0.97);
+        EXPECT_GT(found.within, 0.93) << size << " numbers, " << count << " times, decay " << decay;
+        // Where many numbers vary alike, eight times do not tell so.
+        EXPECT_LT(found.within, decay < 1.0 || size < 48 ? 0.97 : 1.0);
       }
 }
 
@@ -66,11 +67,11 @@ double distance(const RowBlock& a, const RowBlock& b, size_t row, size_t columns
   return std::sqrt(squared);
 }
 
-// Inside and outside, against many more walks.
+// Inside and outside, against many more walks: within three deviations of what 95 in 100 would give.
 TEST(TargetError, CoversWhatRowsAreOffBy) {
   const testing::Shape shape = testing::bent_prism();
   const auto index = testing::make_index(shape);
-  const QueryInput points = testing::loose_points(testing::random_points(200, 3, -0.5, 2.5, 7));
+  const QueryInput points = testing::loose_points(testing::random_points(400, 3, -0.5, 2.5, 7));
   Options options{.prune_below = 0.0, .target_error = 1.0};  // as few rounds as there can be
   const RowBlock rows = testing::bind_or_die(index, points, options);
   options = {.samples = 2000, .seed = 1, .prune_below = 0.0};
@@ -84,7 +85,8 @@ TEST(TargetError, CoversWhatRowsAreOffBy) {
     const double error = distance(rows, exact, i, index->control_vertex_count());
     within += error <= double{rows.errors[2 * i + 1]};
   }
-  EXPECT_GE(within, 93 * counted / 100);
+  const auto rows_counted = static_cast<double>(counted);
+  EXPECT_NEAR(static_cast<double>(within), 0.95 * rows_counted, 3 * std::sqrt(0.95 * 0.05 * rows_counted));
 }
 
 TEST(TargetError, IsMetRowByRow) {

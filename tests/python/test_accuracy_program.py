@@ -26,17 +26,25 @@ def sphere_text(rings: int = 12, sides: int = 20) -> str:
 
 
 @pytest.fixture
-def measured(real_daemon, environment, tmp_path):
-    """Runs the program on the box; returns what it did and its records."""
-    def run(faces, *options):
-        cage, model, out = tmp_path / "cage.obj", tmp_path / "model.obj", tmp_path / "out.json"
+def program(real_daemon, environment, tmp_path):
+    """Runs a program of tests/accuracy on the box."""
+    def run(name, faces, *options):
+        cage, model = tmp_path / "cage.obj", tmp_path / "model.obj"
         cage.write_text(obj_text(box_vertices(), faces))
         model.write_text(sphere_text())
         environment.update(BARYCAST_BIN_DIR=str(real_daemon.parent), BARYCAST_PYTHON_PROTO=environment["PYTHONPATH"]
                            .split(":")[1])
-        done = subprocess.run([sys.executable, ACCURACY / "accuracy.py", cage, model, "--cache", tmp_path / "cache",
-                               "--json", out, "--points", "12", "--surface-points", "500", *options],
+        return subprocess.run([sys.executable, ACCURACY / name, cage, model, "--cache", tmp_path / "cache", *options],
                               env=environment, capture_output=True, text=True, timeout=120)
+    return run
+
+
+@pytest.fixture
+def measured(program, tmp_path):
+    """Runs accuracy.py; returns what it did and its records."""
+    def run(faces, *options):
+        out = tmp_path / "out.json"
+        done = program("accuracy.py", faces, "--json", out, "--points", "12", "--surface-points", "500", *options)
         return done, json.loads(out.read_text()) if out.exists() else None
     return run
 
@@ -126,3 +134,15 @@ def test_errors_are_sentences(measured):
     done, records = measured(BOX_QUADS, "--coordinates", "harmonic", "--panels", "3")
     assert records is None and done.returncode == 1
     assert done.stderr.startswith("accuracy.py: ") and "panels" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_intervals(program):
+    """How often stated errors hold: of few points, so that it can only be nearly always."""
+    done = program("intervals.py", BOX_QUADS, "--points", "40", "--samples", "2000", "--panels", "300")
+    assert done.returncode == 0, done.stderr
+    lines = [line.split() for line in done.stdout.splitlines()[1:]]
+    assert [line[0] for line in lines] == ["inside"] * 2 + ["near"] * 2 + ["outside"] * 2
+    for name, target, points, walks, within, noise, stated, bias in lines:
+        assert int(points) == 40 and int(walks) >= 96 and float(within) > 80
+        assert float(stated) <= float(target) and float(bias) < 0.01
+        assert 0.5 * float(stated) < float(noise) < 2 * float(stated) + 1e-5
