@@ -191,7 +191,7 @@ class Model {
     const double before = std::max(made, input + set + mesh + names + kept);
     const double constant = predicted_constant(both || !size_.closed);
     if (options_.denoise != Denoise::kMesh) return constant + std::max(before, set + kept + block(data_.entries));
-    const double held = kept + set + mesh + points_ * (sizeof(CorrectedPoint) + sizeof(float) * vertices());
+    const double held = kept + set + mesh + points_ * (sizeof(CorrectedPoint) + correction());
     return constant + std::max({before, input + held, held + points_ * sizeof(double) + factorization(),
                                 held + kernel() + correction_columns(), held + kernel() + block(data_.entries)});
   }
@@ -200,16 +200,21 @@ class Model {
     const double groups = std::ceil(vertices() / static_cast<double>(HeatKernel::kColumns));
     return points_ * HeatKernel::kColumns * sizeof(float) * std::min(static_cast<double>(size_.threads), groups);
   }
+  // Of a point: values, and their partial derivatives.
+  double correction() const { return sizeof(float) * vertices() * (options_.gradients ? 4 : 1); }
+  // First steps: where they go, several times over, and what one walk found.
+  static constexpr double kFirstStep = 96.0;
+  double first_steps() const { return options_.gradients ? options_.samples * kFirstStep + 32.0 * vertices() : 0.0; }
   HarmonicPrediction::CageSize cage() const { return {size_.elements, size_.triangles, size_.control_vertices}; }
   // Of every thread: points of a task with their samples, predictions and corrections, and walks.
   double predicted_constant(bool elsewhere) const {
     constexpr size_t kTask = 64;  // twice that of a binding: nodes of a table while one is made
     const size_t count = size_.control_vertices, columns = elsewhere ? 4 * count + 6 : count;
     const double samples = options_.samples * (0.5 * kTask * sizeof(Sample<D>) + kWalk);
-    const double points = kTask * (sizeof(CorrectedPoint) + sizeof(float) * vertices());
+    const double points = kTask * (sizeof(CorrectedPoint) + correction()) + first_steps();
     const double rows =
         4.0 * sizeof(double) * static_cast<double>(columns) + 2.0 * grown(vertices()) * sizeof(RowEntry<D>);
-    const auto sums = static_cast<double>(PanelSums::evaluation_bytes(kTask, columns, count, options_.gradients));
+    const auto sums = static_cast<double>(PanelSums::evaluation_bytes(kTask, columns, count, true));
     return 32'000.0 +
            static_cast<double>(size_.threads) * (samples + points + rows + sums + rounds(0.5 * kTask) + 12'000.0);
   }
@@ -217,7 +222,7 @@ class Model {
   double rounds(double points) const {
     if (options_.target_error == 0.0) return 0.0;
     const double found = static_cast<double>(CorrectedEstimator::kRoundsMost) * vertices();
-    return found * (sizeof(float) * (points + 0.5) + sizeof(double)) + points * (vertices() * sizeof(float) + 200.0);
+    return found * (sizeof(float) * (points + 0.5) + sizeof(double)) + points * (correction() + 200.0);
   }
 
   double factorization() const {

@@ -30,7 +30,9 @@ class PredictedBinding final : public Binding {
                                                         .walk_steps_max = settings.options.walk_steps_max}),
                    structures.inside.get(), structures.elsewhere.get(),
                    settings.options.tables ? structures.tables.get() : nullptr,
-                   {.thickness = settings.options.thickness, .seed = settings.options.seed}),
+                   {.thickness = settings.options.thickness,
+                    .seed = settings.options.seed,
+                    .gradients = settings.options.gradients}),
         finisher_(cage_, {.prune_below = settings.options.prune_below,
                           .gradients = settings.options.gradients,
                           .influences_max = settings.options.influences_max}),
@@ -41,7 +43,7 @@ class PredictedBinding final : public Binding {
     summary_.warnings.insert(summary_.warnings.end(), queries_.warnings.begin(), queries_.warnings.end());
     if (smoothed()) {
       places_.resize(queries_.nodes.size());
-      corrections_.resize(queries_.nodes.size() * estimator_.columns());
+      corrections_.resize(queries_.nodes.size() * estimator_.row_size());
       progress_ = {Stage::kSampling, 0, queries_.nodes.size()};
     } else {
       queries_.mesh = {};
@@ -86,6 +88,7 @@ class PredictedBinding final : public Binding {
   bool targeted() const { return settings_.options.target_error > 0.0; }
   bool smoothed() const { return settings_.options.denoise == Denoise::kMesh; }
   size_t columns() const { return estimator_.columns(); }
+  size_t row_size() const { return estimator_.row_size(); }
   size_t group_count() const { return (columns() + kColumns - 1) / kColumns; }
 
   Step sample_nodes(const std::atomic<bool>& cancel) {
@@ -95,7 +98,7 @@ class PredictedBinding final : public Binding {
       const size_t from = first + begin, size = end - begin;
       return estimator_.correct(std::span(queries_.nodes).subspan(from, size), cancel, tasks_.local().workspace,
                                 std::span(places_).subspan(from, size),
-                                std::span(corrections_).subspan(from * columns(), size * columns()));
+                                std::span(corrections_).subspan(from * row_size(), size * row_size()));
     });
     if (!complete) return Step::kCancelled;
     nodes_sampled_ += count;
@@ -130,13 +133,14 @@ class PredictedBinding final : public Binding {
         const size_t first = g * kColumns, width = std::min(kColumns, columns() - first);
         for (size_t node = 0; node < nodes; ++node) {
           float* const row = &block[kernel_->kernel.place(node) * kColumns];
-          std::copy_n(&corrections_[node * columns() + first], width, row);
+          std::copy_n(&corrections_[node * row_size() + first], width, row);
           std::fill(row + width, row + kColumns, 0.0f);
         }
         if (!kernel_->kernel.smooth(block, cancel)) complete = false;
         for (size_t node = 0; node < nodes && complete; ++node)
           if (kernel_->kernel.smooths(node))
-            std::copy_n(&block[kernel_->kernel.place(node) * kColumns], width, &corrections_[node * columns() + first]);
+            std::copy_n(&block[kernel_->kernel.place(node) * kColumns], width,
+                        &corrections_[node * row_size() + first]);
       }
     });
     if (!complete) return Step::kCancelled;
@@ -149,18 +153,18 @@ class PredictedBinding final : public Binding {
   bool finish_rows(size_t first, const std::atomic<bool>& cancel, std::span<FinishedRow<3>> rows) {
     Task& task = tasks_.local();
     task.places.resize(rows.size());
-    task.corrections.resize(rows.size() * columns());
+    task.corrections.resize(rows.size() * row_size());
     const std::span<const Vec<3>> points = std::span(queries_.points).subspan(first, rows.size());
     if (smoothed()) {
       for (size_t i = 0; i < rows.size(); ++i) {
         const size_t node = queries_.node_of_point[first + i];
         task.places[i] = places_[node];
-        std::copy_n(&corrections_[node * columns()], columns(), &task.corrections[i * columns()]);
+        std::copy_n(&corrections_[node * row_size()], row_size(), &task.corrections[i * row_size()]);
       }
     } else if (!correct(points, cancel, task)) {
       return false;
     }
-    estimator_.evaluate(points, task.places, task.corrections, settings_.options.gradients, task.workspace,
+    estimator_.evaluate(points, task.places, task.corrections, task.workspace,
                         [&](size_t i, const CorrectedEstimator::Rows& evaluated) {
                           finish_row(points[i], task.places[i], evaluated, rows[i]);
                           if (targeted()) rows[i].noise = task.errors[i];
@@ -212,7 +216,7 @@ class PredictedBinding final : public Binding {
 
   // With denoising only: of the nodes.
   std::vector<CorrectedPoint> places_;
-  std::vector<float> corrections_;  // nodes x columns
+  std::vector<float> corrections_;  // nodes x row_size(); of gradients nothing is smoothed
   size_t nodes_sampled_ = 0;
   KernelCache::Kernel kernel_;
   size_t groups_done_ = 0;

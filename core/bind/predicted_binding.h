@@ -1,7 +1,7 @@
 #pragma once
 
 // The binding by prediction and correction: walks find the corrections of all nodes, which are denoised (values alone:
-// a column per control vertex), and rows are predictions plus corrections.
+// a column per control vertex, not gradients), and rows are predictions plus corrections.
 
 #include <memory>
 

@@ -1,12 +1,10 @@
 #include "estimate/ball_tables.h"
 
 #include <algorithm>
-#include <numeric>
 
 #include "base/check.h"
 #include "base/parallel.h"
 #include "base/tolerances.h"
-#include "sample/walk_lanes.h"
 
 namespace barycast {
 namespace {
@@ -16,21 +14,6 @@ constexpr uint64_t kSeed = 0xBA11;
 constexpr uint32_t kStepsMax = 300;
 // Balls whose walks advance together: enough to keep vectors full to the last walks.
 constexpr size_t kBallsPerTask = 8;
-
-// Directions of the first steps of a query's walks.
-std::vector<Vec<3>> first_directions(const SampleQuery<3>& query, size_t count) {
-  const size_t padded = count + 2 * kWalkLanes;
-  std::vector<float> x(padded), y(padded), z(padded), radius(padded, 1.0f), weight(padded, 1.0f);
-  std::vector<uint32_t> rank(padded), hint(padded), first(padded), second(padded), beyond(padded);
-  std::iota(rank.begin(), rank.end(), 0u);
-  const std::array<uint32_t, 4> shift = query.random.bits(0, 0);
-  lattice_numbers(rank.data(), count, 2, {shift[0], shift[1]}, first.data(), second.data());
-  move_walks({x.data(), y.data(), z.data(), radius.data(), weight.data(), rank.data(), hint.data()}, first.data(),
-             second.data(), count, 3, 2.0f, beyond.data());
-  std::vector<Vec<3>> directions(count);
-  for (size_t i = 0; i < count; ++i) directions[i] = Vec<3>(x[i], y[i], z[i]).normalized();
-  return directions;
-}
 
 // out[v] += sum_j factors[j] rows[j][v]
 void add_rows(const HarmonicValues& factors, const float* __restrict rows, size_t width, float* __restrict out) {
@@ -58,7 +41,7 @@ double BallTables::part(double distance) {
 void BallTables::fill(const SampleQuery<3>& query, const SampleSet<3>& samples, Workspace& workspace,
                       BallTable& table) const {
   BARYCAST_CHECK_OP(samples.samples.size(), ==, size_t{settings_.walks});
-  const std::vector<HarmonicValues> factors = harmonic_projection(first_directions(query, settings_.walks));
+  const std::vector<HarmonicValues> factors = harmonic_projection(first_directions(query.random, settings_.walks));
   const size_t width = this->width();
   table.assign(kHarmonics * width, 0.0f);
   workspace.row.assign(width, 0.0f);

@@ -8,6 +8,9 @@
 // Inside a closed cage h are the coordinates. Elsewhere moments are predicted and corrected, and both are projected
 // [SBC Eq. 7 to 10]: the correction is what that changes.
 //
+// Gradients are the prediction's. Inside a closed cage that of the correction (estimate/first_steps.h) is added, as far
+// as it stands out from its noise: few walks leave it away nearly everywhere, many find it.
+//
 // With tables (estimate/ball_tables.h) corrections inside a closed cage come from those, but close to the cage, where
 // points walk themselves; in between, from both, by a share that is smooth in the distance.
 
@@ -19,6 +22,7 @@
 
 #include "estimate/ball_tables.h"
 #include "estimate/error_estimate.h"
+#include "estimate/first_steps.h"
 #include "estimate/locator.h"
 #include "sample/walks.h"
 #include "solve/prediction.h"
@@ -40,6 +44,7 @@ class CorrectedEstimator {
   struct Settings {
     double thickness;
     uint64_t seed;
+    bool gradients;  // corrections have them
   };
   // Predictions may be null where no point needs them: those of closed cages whose samples start inside, and all
   // others. Without tables all points walk.
@@ -49,6 +54,8 @@ class CorrectedEstimator {
 
   // Columns of corrections and predictions: the control vertices that elements use, in their order.
   size_t columns() const { return cage_.used_vertices().size(); }
+  // Of a correction: columns() values, and, if the settings say so, its partial derivatives, one after the other.
+  size_t row_size() const { return settings_.gradients ? 4 * columns() : columns(); }
 
   struct Workspace {
     std::vector<double> clearances;
@@ -60,7 +67,9 @@ class CorrectedEstimator {
     std::vector<float> from_tables;
     std::vector<size_t> chosen;  // places of one side, or with tables
     std::vector<Vec<3>> points;
-    std::vector<double> missing;
+    std::vector<double> missing, found;
+    FirstSteps first_steps;
+    std::vector<double> noise;  // of the corrections' gradients, by point: their squared length's mean
     HarmonicPrediction::Rows rows;
     // Points that are still off, their places in what was asked for, and what the round under way found.
     std::vector<Vec<3>> open_points;
@@ -68,15 +77,14 @@ class CorrectedEstimator {
     std::vector<CorrectedPoint> open_places;
     std::vector<float> round;
     std::vector<Randomizations> randomizations;  // of all points
+    std::vector<double> summed_noise;            // the same
   };
 
-  // Where some points are (normalized frame), and their corrections, a row of columns() each. Each is a function of its
-  // position, the seed and the settings alone; with tables, of its position alone where it does not walk. False:
+  // Where some points are (normalized frame), and their corrections, a row of row_size() each. Each is a function of
+  // its position, the seed and the settings alone; with tables, of its position alone where it does not walk. False:
   // `cancel` was seen set. Const and thread-safe, a workspace per thread.
   bool correct(std::span<const Vec<3>> points, const std::atomic<bool>& cancel, Workspace& workspace,
-               std::span<CorrectedPoint> places, std::span<float> corrections) const {
-    return correct(points, settings_.seed, cancel, workspace, places, corrections);
-  }
+               std::span<CorrectedPoint> places, std::span<float> corrections) const;
 
   // The same from as many independent randomizations as bring the standard error of a point down to `target`, looked at
   // after kRoundsLeast of them and every time that they have doubled, to kRoundsMost: corrections are their means, and
@@ -89,18 +97,22 @@ class CorrectedEstimator {
   // A row of columns() values, and of their gradients per diagonal.
   struct Rows {
     BoundaryData::Row values;
-    std::array<BoundaryData::Row, 3> gradients;  // of a point on the cage, or if asked for; else empty
+    std::array<BoundaryData::Row, 3> gradients;  // of a point on the cage, or if the settings say so; else empty
   };
   // Predictions with their corrections: calls row(i, rows) for every point, in no particular order. On the cage, with
   // the prediction's gradient g where samples start, phi_v(y) + g_v . (x - y) [SBC 4.5], which is exact there. Const
   // and thread-safe, a workspace per thread.
   void evaluate(std::span<const Vec<3>> points, std::span<const CorrectedPoint> places,
-                std::span<const float> corrections, bool gradients, Workspace& workspace,
+                std::span<const float> corrections, Workspace& workspace,
                 const std::function<void(size_t, const Rows&)>& row) const;
 
  private:
-  bool correct(std::span<const Vec<3>> points, uint64_t seed, const std::atomic<bool>& cancel, Workspace& workspace,
-               std::span<CorrectedPoint> places, std::span<float> corrections) const;
+  // Gradients as they come, with their noise.
+  bool correct_once(std::span<const Vec<3>> points, uint64_t seed, const std::atomic<bool>& cancel,
+                    Workspace& workspace, std::span<CorrectedPoint> places, std::span<float> corrections) const;
+  // What walks from a point inside found. Returns the noise of its gradient.
+  double correct_inside(const CorrectedPoint& place, const SampleQuery<3>& query, const SampleSet<3>& samples,
+                        Workspace& workspace, std::span<float> correction) const;
   const HarmonicPrediction& prediction(bool elsewhere) const { return elsewhere ? *elsewhere_ : *inside_; }
   double tables_part(const CorrectedPoint& place, double distance) const {
     return tables_ == nullptr || place.elsewhere ? 0.0 : BallTables::part(distance);

@@ -50,6 +50,10 @@ class HarmonicWalks {
   WalkSettings settings_;
 };
 
+// The directions of the first steps of a query's walks in space, unless they are as printed or the query is so far out
+// that they re-enter first.
+std::vector<Vec<3>> first_directions(const QueryRandom& random, size_t walks);
+
 extern template class HarmonicWalks<2>;
 extern template class HarmonicWalks<3>;
 

@@ -45,29 +45,34 @@ class Corrected {
 
   struct Rows {
     std::vector<Eigen::VectorXd> predicted, corrected;
+    std::vector<Eigen::VectorXd> predicted_slopes, corrected_slopes;  // partial derivatives, per diagonal
   };
   // Of points in the cage's units; columns are those of the control vertices, all of which are used.
   Rows operator()(const std::vector<double>& points, uint64_t seed) const {
     const CorrectedEstimator estimator(structures_.cage, *structures_.walks, *structures_.winding,
                                        HarmonicWalks<3>(*structures_.walks, {.walks = walks_, .thickness = thickness_}),
                                        inside_.get(), elsewhere_.get(), nullptr,
-                                       {.thickness = thickness_, .seed = seed});
+                                       {.thickness = thickness_, .seed = seed, .gradients = true});
     std::vector<Vec<3>> normalized;
     for (size_t i = 0; i < points.size(); i += 3)
       normalized.push_back(structures_.cage.frame().to_normalized(Eigen::Map<const Vec<3>>(&points[i])));
     CorrectedEstimator::Workspace workspace;
     std::vector<CorrectedPoint> places(normalized.size());
-    std::vector<float> corrections(normalized.size() * estimator.columns());
+    std::vector<float> corrections(normalized.size() * estimator.row_size());
     EXPECT_TRUE(estimator.correct(normalized, kNeverCancelled, workspace, places, corrections));
     Rows rows;
-    rows.predicted.resize(normalized.size());
-    rows.corrected.resize(normalized.size());
-    const auto keep = [](std::vector<Eigen::VectorXd>& out) {
-      return [&out](size_t i, const CorrectedEstimator::Rows& row) { out[i] = row.values.transpose(); };
+    const auto keep = [&](std::vector<Eigen::VectorXd>& values, std::vector<Eigen::VectorXd>& slopes) {
+      values.resize(normalized.size());
+      slopes.resize(normalized.size());
+      return [&](size_t i, const CorrectedEstimator::Rows& row) {
+        values[i] = row.values.transpose();
+        slopes[i].resize(3 * row.values.size());
+        slopes[i] << row.gradients[0].transpose(), row.gradients[1].transpose(), row.gradients[2].transpose();
+      };
     };
-    estimator.evaluate(normalized, places, corrections, false, workspace, keep(rows.corrected));
+    estimator.evaluate(normalized, places, corrections, workspace, keep(rows.corrected, rows.corrected_slopes));
     std::fill(corrections.begin(), corrections.end(), 0.0f);
-    estimator.evaluate(normalized, places, corrections, false, workspace, keep(rows.predicted));
+    estimator.evaluate(normalized, places, corrections, workspace, keep(rows.predicted, rows.predicted_slopes));
     return rows;
   }
 
@@ -142,6 +147,27 @@ TEST(Prediction, ThatIsWrongIsCorrectedInABox) {
     EXPECT_LT(testing::squared_difference(corrected.mean, exact), 1.6 * corrected.noise + 10 * 1e-3 * 1e-3);
     EXPECT_LT(corrected.noise / 10, 2e-3 * 2e-3);
   }
+}
+
+// Its gradients, too: those of what it predicts well hardly change, of what it does not, nearly all of the error goes.
+TEST(Prediction, ThatIsWrongHasItsGradientsCorrectedInABox) {
+  const auto index = testing::make_index(testing::box());
+  const auto points = testing::random_points(20, 3, -0.8, 0.8, 5);
+  std::vector<Eigen::VectorXd> exact;
+  const double diagonal = 2 * std::sqrt(3.0);
+  for (size_t i = 0; i < points.size(); i += 3) {
+    const Vec<3> x(points[i], points[i + 1], points[i + 2]);
+    exact.emplace_back(24);
+    for (int a = 0; a < 3; ++a)  // linear along every axis
+      exact.back().segment<8>(8 * a) =
+          diagonal * (testing::trilinear(x + 0.5 * Vec<3>::Unit(a)) - testing::trilinear(x - 0.5 * Vec<3>::Unit(a)));
+  }
+  for (const Corrected::Change change : {too_small_on_half_of_the_cage, of_others}) {
+    const Corrected::Rows rows = Corrected(*index, 120, 4000, 1e-4, change)(points, 6);
+    EXPECT_LT(root_mean_square(rows.corrected_slopes, exact), 0.15 * root_mean_square(rows.predicted_slopes, exact));
+  }
+  const Corrected::Rows rows = Corrected(*index, 480, 12, 1e-4, right)(points, 6);
+  EXPECT_LT(root_mean_square(rows.corrected_slopes, exact), 1.1 * root_mean_square(rows.predicted_slopes, exact));
 }
 
 // Outside, and where the cage is open, moments are corrected: those of plain walks tell where to.
