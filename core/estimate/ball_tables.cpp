@@ -41,7 +41,9 @@ double BallTables::part(double distance) {
 void BallTables::fill(const SampleQuery<3>& query, const SampleSet<3>& samples, Workspace& workspace,
                       BallTable& table) const {
   BARYCAST_CHECK_OP(samples.samples.size(), ==, size_t{settings_.walks});
-  const std::vector<HarmonicValues> factors = harmonic_projection(first_directions(query.random, settings_.walks));
+  std::vector<Vec<3>> directions(settings_.walks);
+  first_directions(query.random, directions);
+  const std::vector<HarmonicValues> factors = harmonic_projection(directions);
   const size_t width = this->width();
   table.assign(kHarmonics * width, 0.0f);
   workspace.row.assign(width, 0.0f);

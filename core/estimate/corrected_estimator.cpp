@@ -64,7 +64,11 @@ double CorrectedEstimator::correct_inside(const CorrectedPoint& place, const Sam
   // On the cage values follow from gradients, and do not depend on whether those were asked for.
   const bool slopes =
       settings_.gradients && !place.on_cage && walks >= FirstSteps::kWalksLeast && samples.samples.size() == walks;
-  if (slopes) workspace.first_steps.start(first_directions(query.random, walks), query.radius, columns());
+  if (slopes) {
+    workspace.directions.resize(walks);
+    first_directions(query.random, workspace.directions);
+    workspace.first_steps.start(workspace.directions, query.radius, columns());
+  }
   workspace.missing.assign(columns(), 0.0);
   for (size_t k = 0; k < samples.samples.size(); ++k) {
     const Sample<3>& sample = samples.samples[k];

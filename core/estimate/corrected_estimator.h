@@ -68,6 +68,7 @@ class CorrectedEstimator {
     std::vector<size_t> chosen;  // places of one side, or with tables
     std::vector<Vec<3>> points;
     std::vector<double> missing, found;
+    std::vector<Vec<3>> directions;
     FirstSteps first_steps;
     std::vector<double> noise;  // of the corrections' gradients, by point: their squared length's mean
     HarmonicPrediction::Rows rows;

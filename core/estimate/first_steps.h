@@ -35,8 +35,8 @@ class FirstSteps {
   std::vector<Vec<3>> weights_;  // of what each walk found
   Eigen::Matrix3d covariance_;   // of the directions
   double radius_;
-  double squares_;              // of all that was found
-  std::vector<double> slopes_;  // 3 x functions
+  std::vector<double> squares_;  // of what was found, by function
+  std::vector<double> slopes_;   // 3 x functions
 };
 
 }  // namespace barycast

@@ -236,18 +236,22 @@ bool HarmonicWalks<D>::sample(std::span<const SampleQuery<D>> queries, const std
   return true;
 }
 
-std::vector<Vec<3>> first_directions(const QueryRandom& random, size_t walks) {
-  const size_t padded = walks + 2 * kWalkLanes;
-  std::vector<float> x(padded), y(padded), z(padded), radius(padded, 1.0f), weight(padded, 1.0f);
-  std::vector<uint32_t> rank(padded), hint(padded), first(padded), second(padded), beyond(padded);
-  std::iota(rank.begin(), rank.end(), 0u);
+void first_directions(const QueryRandom& random, std::span<Vec<3>> directions) {
+  // Vectors read beyond the end, and write there.
+  constexpr size_t kSome = kWalkLanes;
+  std::array<float, 3 * kSome> x, y, z, radius, weight{};
+  std::array<uint32_t, 3 * kSome> rank, hint{}, first, second, beyond;
+  radius.fill(1.0f);
   const std::array<uint32_t, 4> shift = random.bits(0, 0);
-  lattice_numbers(rank.data(), walks, 2, {shift[0], shift[1]}, first.data(), second.data());
-  move_walks({x.data(), y.data(), z.data(), radius.data(), weight.data(), rank.data(), hint.data()}, first.data(),
-             second.data(), walks, 3, static_cast<float>(kReentryRadius), beyond.data());
-  std::vector<Vec<3>> directions(walks);
-  for (size_t i = 0; i < walks; ++i) directions[i] = Vec<3>(x[i], y[i], z[i]).normalized();
-  return directions;
+  for (size_t begin = 0; begin < directions.size(); begin += kSome) {
+    for (auto* coordinate : {&x, &y, &z}) coordinate->fill(0.0f);
+    std::iota(rank.begin(), rank.end(), static_cast<uint32_t>(begin));
+    lattice_numbers(rank.data(), kSome, 2, {shift[0], shift[1]}, first.data(), second.data());
+    move_walks({x.data(), y.data(), z.data(), radius.data(), weight.data(), rank.data(), hint.data()}, first.data(),
+               second.data(), kSome, 3, static_cast<float>(kReentryRadius), beyond.data());
+    for (size_t i = begin; i < std::min(directions.size(), begin + kSome); ++i)
+      directions[i] = Vec<3>(x[i - begin], y[i - begin], z[i - begin]).normalized();
+  }
 }
 
 template class HarmonicWalks<2>;

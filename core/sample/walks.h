@@ -52,7 +52,7 @@ class HarmonicWalks {
 
 // The directions of the first steps of a query's walks in space, unless they are as printed or the query is so far out
 // that they re-enter first.
-std::vector<Vec<3>> first_directions(const QueryRandom& random, size_t walks);
+void first_directions(const QueryRandom& random, std::span<Vec<3>> directions);
 
 extern template class HarmonicWalks<2>;
 extern template class HarmonicWalks<3>;

@@ -12,7 +12,9 @@ namespace barycast {
 namespace {
 
 std::vector<Vec<3>> directions(uint64_t seed, size_t walks) {
-  return first_directions(QueryRandom(seed, 0), walks);
+  std::vector<Vec<3>> steps(walks);
+  first_directions(QueryRandom(seed, 0), steps);
+  return steps;
 }
 
 TEST(FirstSteps, GiveTheGradientsOfLinearFunctions) {
