@@ -92,8 +92,8 @@ bool BallTables::make(std::span<const BallLeaf* const> leaves, const std::atomic
   return true;
 }
 
-bool BallTables::correct(std::span<const Vec<3>> points, const std::atomic<bool>& cancel, Workspace& workspace,
-                         std::span<float> corrections) const {
+bool BallTables::correct(std::span<const Vec<3>> points, bool gradients, const std::atomic<bool>& cancel,
+                         Workspace& workspace, std::span<float> corrections) const {
   std::vector<Workspace::Use>& uses = workspace.uses;
   uses.clear();
   workspace.wanted.clear();
@@ -113,11 +113,11 @@ bool BallTables::correct(std::span<const Vec<3>> points, const std::atomic<bool>
   wanted.erase(std::unique(wanted.begin(), wanted.end()), wanted.end());
   if (!wanted.empty() && !make(wanted, cancel, workspace)) return false;
 
-  const size_t width = this->width();
-  std::vector<float>& row = workspace.row;
+  const size_t width = this->width(), parts = gradients ? 4 : 1;
+  std::vector<float>& rows = workspace.row;
   size_t k = 0;
   for (size_t i = 0; i < points.size(); ++i) {
-    row.assign(width, 0.0f);
+    rows.assign(parts * width, 0.0f);
     for (; k < uses.size() && uses[k].point == i; ++k) {
       const auto& [leaf, point, weight] = uses[k];
       const BallTable* table = leaf->table.get();
@@ -126,11 +126,18 @@ bool BallTables::correct(std::span<const Vec<3>> points, const std::atomic<bool>
                                          [](const BallLeaf* a, const BallLeaf* b) { return a->name < b->name; });
         table = &workspace.tables[static_cast<size_t>(at - wanted.begin())];
       }
-      HarmonicValues factors = solid_harmonics((points[i] - leaf->centre) / leaf->radius);
-      for (float& factor : factors) factor *= weight;
-      add_rows(factors, table->data(), width, row.data());
+      const auto add = [&](HarmonicValues factors, float scale, size_t part) {
+        for (float& factor : factors) factor *= scale;
+        add_rows(factors, table->data(), width, &rows[part * width]);
+      };
+      const Vec<3> at = (points[i] - leaf->centre) / leaf->radius;
+      add(solid_harmonics(at), weight, 0);
+      if (!gradients) continue;
+      const std::array<HarmonicValues, 3> partials = solid_harmonic_gradients(at);
+      for (size_t a = 0; a < 3; ++a) add(partials[a], weight / static_cast<float>(leaf->radius), 1 + a);
     }
-    std::copy_n(row.begin(), columns_, corrections.begin() + static_cast<std::ptrdiff_t>(i * columns_));
+    for (size_t part = 0; part < parts; ++part)
+      std::copy_n(&rows[part * width], columns_, &corrections[(i * parts + part) * columns_]);
   }
   return true;
 }

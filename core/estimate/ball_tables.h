@@ -56,9 +56,10 @@ class BallTables {
     std::vector<float> row;
   };
 
-  // Corrections of points inside of the cage with a part() above 0, a row of columns() each. False: `cancel` was seen
-  // set.
-  bool correct(std::span<const Vec<3>> points, const std::atomic<bool>& cancel, Workspace& workspace,
+  // Corrections of points inside of the cage with a part() above 0, a row of columns() each; with gradients four times
+  // that, values and their partial derivatives per diagonal. Those are the mean of the balls' own, without that of the
+  // weights: balls differ by noise. False: `cancel` was seen set.
+  bool correct(std::span<const Vec<3>> points, bool gradients, const std::atomic<bool>& cancel, Workspace& workspace,
                std::span<float> corrections) const;
 
   // Builds tables ahead, on the threads of the calling arena, until all are there, `tables_max` have been built, the

@@ -142,15 +142,19 @@ bool CorrectedEstimator::blend_tables(std::span<const CorrectedPoint> places, co
     workspace.chosen.push_back(i);
     workspace.points.push_back(places[i].origin);
   }
-  workspace.from_tables.resize(workspace.chosen.size() * columns());
-  if (!tables_->correct(workspace.points, cancel, workspace.tables, workspace.from_tables)) return false;
+  workspace.from_tables.resize(workspace.chosen.size() * row_size());
+  if (!tables_->correct(workspace.points, settings_.gradients, cancel, workspace.tables, workspace.from_tables))
+    return false;
   for (size_t k = 0; k < workspace.chosen.size(); ++k) {
     const size_t i = workspace.chosen[k];
     const auto part = static_cast<float>(tables_part(places[i], workspace.queries[i].radius));
-    const float* const from_tables = &workspace.from_tables[k * columns()];
+    const float* const from_tables = &workspace.from_tables[k * row_size()];
     const std::span<float> row = corrections.subspan(i * row_size(), row_size());
     for (size_t v = 0; v < columns(); ++v)
       row[v] = part < 1 ? row[v] + part * (from_tables[v] - row[v]) : from_tables[v];
+    // Those of walks so close to the cage are mostly noise.
+    for (size_t j = columns(); j < row_size(); ++j) row[j] = part * from_tables[j];
+    workspace.noise[i] = 0.0;
   }
   return true;
 }

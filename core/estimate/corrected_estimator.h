@@ -9,7 +9,8 @@
 // [SBC Eq. 7 to 10]: the correction is what that changes.
 //
 // Gradients are the prediction's. Inside a closed cage that of the correction (estimate/first_steps.h) is added, as far
-// as it stands out from its noise: few walks leave it away nearly everywhere, many find it.
+// as it stands out from its noise: few walks leave it away nearly everywhere, many find it. Tables have it where they
+// serve.
 //
 // With tables (estimate/ball_tables.h) corrections inside a closed cage come from those, but close to the cage, where
 // points walk themselves; in between, from both, by a share that is smooth in the distance.

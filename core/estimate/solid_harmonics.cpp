@@ -8,12 +8,13 @@ namespace {
 
 using Values = Eigen::Matrix<double, kHarmonics, 1>;
 
+const double kFirst = std::sqrt(3.0), kSecond = std::sqrt(15.0), kAxial = std::sqrt(5.0);
+
 Values values_at(const Vec<3>& p) {
   const double x = p[0], y = p[1], z = p[2];
-  const double first = std::sqrt(3.0), second = std::sqrt(15.0);
   Values b;
-  b << 1, first * x, first * y, first * z, second * x * y, second * y * z, second * z * x,
-      0.5 * second * (x * x - y * y), 0.5 * std::sqrt(5.0) * (2 * z * z - x * x - y * y);
+  b << 1, kFirst * x, kFirst * y, kFirst * z, kSecond * x * y, kSecond * y * z, kSecond * z * x,
+      0.5 * kSecond * (x * x - y * y), 0.5 * kAxial * (2 * z * z - x * x - y * y);
   return b;
 }
 
@@ -27,6 +28,15 @@ HarmonicValues in_floats(const Values& b) {
 
 HarmonicValues solid_harmonics(const Vec<3>& x) {
   return in_floats(values_at(x));
+}
+
+std::array<HarmonicValues, 3> solid_harmonic_gradients(const Vec<3>& p) {
+  const double x = p[0], y = p[1], z = p[2];
+  Values by_x, by_y, by_z;
+  by_x << 0, kFirst, 0, 0, kSecond * y, 0, kSecond * z, kSecond * x, -kAxial * x;
+  by_y << 0, 0, kFirst, 0, kSecond * x, kSecond * z, 0, -kSecond * y, -kAxial * y;
+  by_z << 0, 0, 0, kFirst, 0, kSecond * y, kSecond * x, 0, 2 * kAxial * z;
+  return {in_floats(by_x), in_floats(by_y), in_floats(by_z)};
 }
 
 std::vector<HarmonicValues> harmonic_projection(std::span<const Vec<3>> directions) {

@@ -20,6 +20,8 @@ using HarmonicValues = std::array<float, kHarmonics>;
 
 // At a point of the unit ball.
 HarmonicValues solid_harmonics(const Vec<3>& x);
+// Their partial derivatives there.
+std::array<HarmonicValues, 3> solid_harmonic_gradients(const Vec<3>& x);
 
 // From values at directions to coefficients: c_j = sum_i factors[i][j] u(directions[i]). Least squares, which is the
 // mean but for how unevenly the directions lie: polynomials are found exactly. Needs some dozen directions all around.

@@ -53,7 +53,7 @@ Row correct(const BallTables& tables, std::span<const Vec<3>> points) {
   const std::atomic<bool> never = false;
   BallTables::Workspace workspace;
   Row rows(points.size() * tables.columns());
-  EXPECT_TRUE(tables.correct(points, never, workspace, rows));
+  EXPECT_TRUE(tables.correct(points, false, never, workspace, rows));
   return rows;
 }
 
@@ -82,6 +82,13 @@ TEST(BallTables, HarmonicPolynomialsAreFoundExactly) {
     const HarmonicValues b = solid_harmonics(x);
     for (size_t j = 0; j < kHarmonics; ++j) value += double{b[j]} * coefficients[j];
     EXPECT_NEAR(value, polynomial(x), 1e-5);
+    const std::array<HarmonicValues, 3> partials = solid_harmonic_gradients(x);
+    for (int a = 0; a < 3; ++a) {
+      double slope = 0.0;
+      for (size_t j = 0; j < kHarmonics; ++j) slope += double{partials[static_cast<size_t>(a)][j]} * coefficients[j];
+      const Vec<3> step = 0.01 * Vec<3>::Unit(a);
+      EXPECT_NEAR(slope, (polynomial(x + step) - polynomial(x - step)) / 0.02, 1e-4);
+    }
   }
 }
 
@@ -222,6 +229,36 @@ TEST(BallTables, BytesAreCountedAndBounded) {
   EXPECT_GE(cage.index->bytes(), before + 20 * of_table);
   cancel = true;
   EXPECT_EQ(cage.index->fill_tables(20, cancel), 0u);
+}
+
+// Where a single ball serves, values and gradients are of one polynomial.
+TEST(BallTables, HaveTheGradientsOfTheirValues) {
+  const Prepared cage(testing::bent_prism());
+  const BallTables& tables = cage.tables();
+  constexpr double kStep = 2e-3;
+  size_t checked = 0;
+  for (const Vec<3>& x : cage.points(400, 12)) {
+    std::vector<Vec<3>> points = {x};
+    for (int a = 0; a < 3; ++a)
+      for (const double side : {-kStep, kStep}) points.push_back(x + side * Vec<3>::Unit(a));
+    std::vector<const BallLeaf*> balls;
+    for (const Vec<3>& p : points)
+      tables.cover().for_each(p, [&](const BallLeaf& leaf, double) { balls.push_back(&leaf); });
+    if (balls.size() != points.size() || std::count(balls.begin(), balls.end(), balls[0]) != 7) continue;
+    const std::atomic<bool> never = false;
+    BallTables::Workspace workspace;
+    const size_t n = tables.columns();
+    Row values = correct(tables, points), row(4 * n);
+    ASSERT_TRUE(tables.correct(std::span(points).first(1), true, never, workspace, row));
+    ++checked;
+    for (size_t v = 0; v < n; ++v) {
+      EXPECT_EQ(row[v], values[v]);
+      for (size_t a = 0; a < 3; ++a)
+        EXPECT_NEAR(row[(1 + a) * n + v], (values[(2 + 2 * a) * n + v] - values[(1 + 2 * a) * n + v]) / (2 * kStep),
+                    1e-3);
+    }
+  }
+  EXPECT_GT(checked, 20u);
 }
 
 TEST(BallTables, AgreeWithManyWalks) {
