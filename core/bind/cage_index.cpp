@@ -33,6 +33,13 @@ Status check_estimator_of(const CageInput& input, const ResolvedOptions& options
   return cage ? check_estimator(*cage, options) : Status(cage.error());
 }
 
+Status check_tables_of(const Cage<3>& cage) {
+  if (const Status fits = HarmonicPrediction::check(cage.surface_triangles(), cage.control_vertex_count()); !fits)
+    return invalid_argument("tables", fits.error().message);
+  if (is_closed(cage)) return Done{};
+  return invalid_argument("tables", "only the inside of a closed cage has tables, and this one is open");
+}
+
 bool is_closed_of(const Cage<2>&) {
   return true;  // nobody asks
 }
@@ -140,6 +147,14 @@ Status CageIndex::check_estimator(const CageInput& input, const ResolvedOptions&
   return input.dimension == 2 ? check_estimator_of<2>(input, options) : check_estimator_of<3>(input, options);
 }
 
+Status CageIndex::check_tables(const CageInput& input) {
+  if (const Status sound = check(input); !sound) return sound;
+  if (input.dimension == 2)
+    return invalid_argument("tables", "cages in the plane are not predicted, and have no tables");
+  const auto cage = Cage<3>::create(input);
+  return cage ? check_tables_of(*cage) : Status(cage.error());
+}
+
 Status CageIndex::check(const CageInput& input) {
   if (Status known = check_dimension(input); !known) return known;
   return input.dimension == 2 ? check_of<2>(input) : check_of<3>(input);
@@ -169,13 +184,27 @@ Status CageIndex::prepare(const ResolvedOptions& options) const {
   return wait_for([&](std::function<void(Status)> then) { prepare(options, std::move(then)); });
 }
 
+const BallTables* CageIndex::tables() const {
+  return std::visit([](const auto& s) { return s->tables.get(); }, structures_);
+}
+
 size_t CageIndex::fill_tables(size_t tables_max, const std::atomic<bool>& cancel) const {
-  return std::visit(
-      [&](const auto& s) {
-        const BallTables* const tables = s->tables.get();
-        return tables == nullptr ? 0 : tables->build(tables_max, cancel);
-      },
-      structures_);
+  return fill_tables(missing_tables(tables_max, cancel), cancel);
+}
+
+std::vector<const BallLeaf*> CageIndex::missing_tables(size_t tables_max, const std::atomic<bool>& cancel) const {
+  const BallTables* const tables = this->tables();
+  return tables == nullptr ? std::vector<const BallLeaf*>() : tables->missing(tables_max, cancel);
+}
+
+size_t CageIndex::fill_tables(std::span<const BallLeaf* const> places, const std::atomic<bool>& cancel) const {
+  const BallTables* const tables = this->tables();
+  return tables == nullptr ? 0 : tables->build(places, cancel);
+}
+
+size_t CageIndex::table_count() const {
+  const BallTables* const tables = this->tables();
+  return tables == nullptr ? 0 : tables->table_count();
 }
 
 int CageIndex::dimension() const {

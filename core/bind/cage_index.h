@@ -11,6 +11,7 @@
 #include <memory>
 #include <span>
 #include <variant>
+#include <vector>
 
 #include "base/lazy.h"
 #include "base/result.h"
@@ -28,6 +29,7 @@ template <int D>
 class WindingNumber;
 class HarmonicPrediction;
 class BallTables;
+struct BallLeaf;
 enum class BoundarySides;
 
 // What answers the walks' distances: the grid, or Embree alone, which is slower (to compare with).
@@ -78,6 +80,9 @@ class CageIndex {
   static Status check(const CageInput& input);
   // Of such a cage, without its index: as the function of that name.
   static Status check_estimator(const CageInput& input, const ResolvedOptions& options);
+  // Whether such a cage can have tables (Options::tables), without building anything: it is predicted, and closed.
+  // Errors: those of `check`, and kInvalidArgument at "tables".
+  static Status check_tables(const CageInput& input);
   ~CageIndex();
 
   int dimension() const;
@@ -108,10 +113,17 @@ class CageIndex {
   // of the calling arena; all of them, as many as may be kept, `tables_max`, or those that `cancel` left time for.
   // Returns how many it made. A tenth of a millisecond each; some thousands of them fill a cage.
   size_t fill_tables(size_t tables_max, const std::atomic<bool>& cancel) const;
+  // The same in pieces, to let other work pass between them: the places of tables that are not there and may be kept,
+  // valid as long as the index, and the tables of some of them.
+  std::vector<const BallLeaf*> missing_tables(size_t tables_max, const std::atomic<bool>& cancel) const;
+  size_t fill_tables(std::span<const BallLeaf* const> places, const std::atomic<bool>& cancel) const;
+  // How many there are now; 0 before `prepare`.
+  size_t table_count() const;
 
   const Structures& structures() const { return structures_; }
 
  private:
+  const BallTables* tables() const;  // null before `prepare`
   CageIndex(Structures structures, const CageDigest& digest);
   Structures structures_;
   CageDigest digest_;

@@ -8,6 +8,7 @@
 #include "base/tolerances.h"
 #include "bind/block_builder.h"
 #include "bind/quantum.h"
+#include "estimate/ball_tables.h"
 #include "estimate/corrected_estimator.h"
 #include "estimate/point_estimator.h"
 #include "estimate/row.h"
@@ -33,6 +34,9 @@ constexpr double kTouchRate = 3.0;
 constexpr double kTouchRateOfRays = 8.0;
 // Denoising reaches over so many times the samples of a point before contributions fall below the pruning.
 constexpr double kSmoothingReach = 150.0;
+// Balls that reach a point and no other one of its task: measured on seven cages with points at random, of which
+// 8 reach one at the most, where the corners of as many cells meet.
+constexpr double kLeavesOfPoint = 2.1, kLeavesOfPointMost = 8.0;
 // A point's share of the pseudo-samples survives pruning at every vertex from this many thresholds on.
 constexpr double kPseudoKept = 2.5;
 // Fill of the factor under minimum degree, from 1,000 to 160,000 points: 18 to 50 on triangles and quads.
@@ -215,9 +219,20 @@ class Model {
     const double rows =
         4.0 * sizeof(double) * static_cast<double>(columns) + 2.0 * grown(vertices()) * sizeof(RowEntry<D>);
     const auto sums = static_cast<double>(PanelSums::evaluation_bytes(kTask, columns, count, true));
-    return 32'000.0 +
-           static_cast<double>(size_.threads) * (samples + points + rows + sums + rounds(0.5 * kTask) + 12'000.0);
+    return 32'000.0 + static_cast<double>(size_.threads) *
+                          (samples + points + rows + sums + rounds(0.5 * kTask) + tables(0.5 * kTask) + 12'000.0);
   }
+  // Of every thread: tables that a task's points miss, kept or not, while they are made, and the walks from their
+  // balls.
+  double tables(double points) const {
+    if (!options_.tables || !size_.closed) return 0.0;
+    const double leaves = points * (data_.exact ? kLeavesOfPointMost : kLeavesOfPoint);
+    const double width = vertices() + 16.0, walks = 8.0 * BallTableSettings{}.walks;
+    return leaves * (kHarmonics * width * sizeof(float) + sizeof(BallTable) + kChunk + 3.0 * kUse) +
+           walks * (sizeof(Sample<D>) + kWalk + kHarmonics * sizeof(float)) +
+           (points + 2.0) * (options_.gradients ? 4.0 : 1.0) * width * sizeof(float);
+  }
+  static constexpr double kUse = 32.0;  // a leaf and a point that it reaches
   // Of every thread: what the rounds of a task's points found, half of one again while it grows, and one in doubles.
   double rounds(double points) const {
     if (options_.target_error == 0.0) return 0.0;

@@ -9,7 +9,9 @@
 // surfaces show (measured: tests/core/cost_test.cpp, within 25 %); the bound takes the worst of the first,
 // all that samples could touch, twice the fill of a surface, and a tenth more of everything. Of a prediction, which is
 // made where the cage's index does not hold it yet, the estimate takes one: for the inside of a closed cage; the bound
-// takes the other as well, for points outside. To a target error, both take all the rounds that there may be.
+// takes the other as well, for points outside. To a target error, both take all the rounds that there may be. With
+// tables, both take what threads need to make them, and that every point walks as well; tables that are kept are the
+// index's.
 
 #include <cstdint>
 

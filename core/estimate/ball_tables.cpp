@@ -142,19 +142,23 @@ bool BallTables::correct(std::span<const Vec<3>> points, bool gradients, const s
   return true;
 }
 
-size_t BallTables::build(size_t tables_max, const std::atomic<bool>& cancel) const {
+std::vector<const BallLeaf*> BallTables::missing(size_t tables_max, const std::atomic<bool>& cancel) const {
   // No more than may be kept, and those that are there.
   const size_t room = settings_.bytes_max / table_bytes_each();
   std::vector<const BallLeaf*> leaves =
       cover_.leaves(std::min(room, std::min(room, tables_max) + table_count()), cancel);
   std::erase_if(leaves, [](const BallLeaf* leaf) { return leaf->table.get() != nullptr; });
   leaves.resize(std::min(leaves.size(), tables_max));
+  return leaves;
+}
+
+size_t BallTables::build(std::span<const BallLeaf* const> leaves, const std::atomic<bool>& cancel) const {
   std::atomic<size_t> built = 0;
   std::atomic<bool> full = false;
   parallel_build(leaves.size(), kBallsPerTask, [&](size_t begin, size_t end) {
     if (full.load(std::memory_order_relaxed)) return;
     Workspace workspace;
-    if (!make(std::span(leaves).subspan(begin, end - begin), cancel, workspace)) return;
+    if (!make(leaves.subspan(begin, end - begin), cancel, workspace)) return;
     for (size_t i = begin; i < end; ++i) {
       if (leaves[i]->table.get() == nullptr)
         full = true;

@@ -226,6 +226,7 @@ TEST(BallTables, BytesAreCountedAndBounded) {
   std::atomic<bool> cancel = false;
   EXPECT_EQ(cage.index->fill_tables(20, cancel), 20u);
   EXPECT_EQ(cage.tables().table_count(), 20u);
+  EXPECT_EQ(cage.index->table_count(), 20u);
   EXPECT_GE(cage.index->bytes(), before + 20 * of_table);
   cancel = true;
   EXPECT_EQ(cage.index->fill_tables(20, cancel), 0u);
@@ -259,6 +260,20 @@ TEST(BallTables, HaveTheGradientsOfTheirValues) {
     }
   }
   EXPECT_GT(checked, 20u);
+}
+
+TEST(BallTables, CagesThatHaveNoneAreToldApart) {
+  for (const testing::Shape& shape : cages()) EXPECT_TRUE(CageIndex::check_tables(shape.input()).ok());
+  for (const testing::Shape& shape :
+       {testing::open_box(), testing::soup(), testing::square(), testing::sphere(12, 1.0)}) {
+    const Status none = CageIndex::check_tables(shape.input());
+    ASSERT_FALSE(none.ok());
+    EXPECT_EQ(none.error().code, ErrorCode::kInvalidArgument);
+    EXPECT_EQ(none.error().field, "tables");
+  }
+  testing::Shape broken = testing::box();
+  broken.quads[0] = 99;
+  EXPECT_TRUE(CageIndex::check_tables(broken.input()).error().field.starts_with("cage"));
 }
 
 TEST(BallTables, AgreeWithManyWalks) {

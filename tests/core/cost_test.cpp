@@ -227,6 +227,32 @@ TEST(Cost, BoundHoldsForAllRoundsToATargetError) {
   }
 }
 
+// What it adds for tables, most of which are yet to be made, is what they add. Those that are kept are the index's.
+TEST(Cost, BoundHoldsForTables) {
+  for (const Shape& cage : {testing::box(), testing::sphere(8, 1.0), testing::bent_prism()}) {
+    const auto index = testing::make_index(cage);
+    Options choice = predicted(false);
+    const auto without = *resolve(choice, false);
+    choice.tables = true;
+    const auto with = *resolve(choice, false);
+    ASSERT_TRUE(index->prepare(with).ok());
+    const QueryInput queries = loose(200);
+    const BindingSize size = size_of(*index, queries);
+    measure(index, queries, without);  // of points outside there is a prediction then
+    const Measured walked = measure(index, queries, without);
+    const size_t before = index->bytes();
+    const Measured measured = measure(index, queries, with);
+    const uint64_t kept = index->bytes() - before;
+    const uint64_t more = bound_memory_bytes(size, with) - bound_memory_bytes(size, without);
+    std::printf("tables: %.2f MB more, bound %.2f MB\n",
+                (static_cast<double>(measured.peak) - static_cast<double>(kept + walked.peak)) / 1e6,
+                static_cast<double>(more) / 1e6);
+    EXPECT_GT(index->table_count(), 0u);
+    EXPECT_LE(measured.samples, estimate_samples(size, with));
+    EXPECT_GE(walked.peak + kept + more, measured.peak);
+  }
+}
+
 // Few points, of which some may be outside: what the cage's predictions take is nearly all.
 TEST(Cost, BoundHoldsForPredictionsOfBothSides) {
   for (const Shape& cage : {testing::sphere(8, 1.0), testing::open_box()})
