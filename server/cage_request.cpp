@@ -27,6 +27,18 @@ Status check_cage(const CageStorage& storage) {
   return sound.ok() ? sound : Status(from_cage(sound.error()));
 }
 
+ResolvedOptions options_of_tables() {
+  Options options;
+  options.tables = true;
+  return resolve(options, false).value();
+}
+
+Status check_tables(const CageStorage& storage) {
+  if (const Status sound = check_cage(storage); !sound) return sound;
+  const Status suits = CageIndex::check_tables(storage.input());
+  return suits.ok() ? suits : invalid_argument("fill_tables", suits.error().message);
+}
+
 CageCache::Found get_index(CageCache& cages, const CageDigest& digest, CageStorage storage, CageCache::Waiter waiter) {
   const auto build = [&storage]() -> Result<CageCache::Index> {
     Result<CageCache::Index> index = CageIndex::create(storage.input());

@@ -21,6 +21,12 @@ Status check_digest(const CageDigest& actual, const std::optional<CageDigest>& e
 // from "cage".
 Status check_cage(const CageStorage& storage);
 
+// What a request with tables asks of its cage, whatever else it says.
+ResolvedOptions options_of_tables();
+// Whether the cage can have tables, without building it. Errors: those of check_cage, and kInvalidArgument at
+// "fill_tables".
+Status check_tables(const CageStorage& storage);
+
 // Builds the index of `storage` unless the cache holds it or another request builds it. `waiter` is
 // called exactly once, see CageCache. Errors: those of Cage::create, with paths from "cage".
 CageCache::Found get_index(CageCache& cages, const CageDigest& digest, CageStorage storage, CageCache::Waiter waiter);

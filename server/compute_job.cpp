@@ -125,7 +125,10 @@ std::variant<ComputeJob::Response, Refusal> ComputeJob::begin(const std::atomic<
 ComputeJob::Step ComputeJob::step(const std::atomic<bool>& cancel, bool report) {
   Step step;
   state_.counters.steps.fetch_add(1, std::memory_order_relaxed);
-  switch (binding_->advance(cancel)) {
+  const Binding::Step done = binding_->advance(cancel);
+  // Every piece of work may have filled some of the cage's tables.
+  if (plan_->options.tables) state_.cages.recount(*index_);
+  switch (done) {
     case Binding::Step::kWorking:
       if (report) step.message = progress_message();
       break;

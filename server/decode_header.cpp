@@ -114,6 +114,7 @@ Result<Options> decode_options(const v1::ComputeOptions& in, const v1::OutputOpt
   if (in.has_prune_below()) out.prune_below = in.prune_below();
   if (in.has_smoothing_time()) out.smoothing_time = in.smoothing_time();
   if (in.has_target_error()) out.target_error = in.target_error();
+  out.tables = in.tables();
   out.gradients = output.gradients();
   out.influences_max = output.influences_max();
   return out;

@@ -71,6 +71,7 @@ void encode_options(const ResponseFacts& facts, v1::ComputeOptions& out) {
   if (!takes_samples(options.estimator)) return;
   out.set_thickness(options.thickness);
   out.set_walk_steps_max(options.walk_steps_max);
+  out.set_tables(options.tables);
   if (options.target_error > 0.0) {
     out.set_target_error(options.target_error);
     return;

@@ -102,6 +102,18 @@ Result<RequestCost> price(const ComputePlan& plan, BindingSize size, const Limit
                            cost.admitted_bytes, limits.request_bytes_max)};
 }
 
+Result<uint64_t> price_tables(const CageStorage& cage, const Limits& limits, int threads) {
+  // As a request of a single point would: a prediction, and what every thread works with.
+  BindingSize size = size_of(cage);
+  size.points = 1;
+  size.threads = static_cast<uint64_t>(threads);
+  const uint64_t bytes = bound_memory_bytes(size, options_of_tables());
+  if (bytes <= limits.request_bytes_max) return bytes;
+  return Error{ErrorCode::kResourceExhausted, "fill_tables",
+               fmt::format("up to {} bytes of working memory, more than this server's limit of {}; leave it out", bytes,
+                           limits.request_bytes_max)};
+}
+
 void estimate_cost(ServiceState& state, Result<ComputePlan> plan, const std::string& metadata_digest,
                    RequestFacts& facts, std::function<void(std::variant<RequestCost, Refusal>)> then) {
   Result<Understood> understood = understand(std::move(plan), metadata_digest);

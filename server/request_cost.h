@@ -41,6 +41,10 @@ BindingSize size_of(const CageIndex& index, const ResolvedOptions& options);
 // cage's dimension), kResourceExhausted (more memory than one request may have).
 Result<RequestCost> price(const ComputePlan& plan, BindingSize cage_size, const Limits& limits, int threads);
 
+// What filling the cage's tables takes while it lasts, with admission's margin; what stays is the cache's. Errors:
+// kResourceExhausted (more memory than one request may have).
+Result<uint64_t> price_tables(const CageStorage& cage, const Limits& limits, int threads);
+
 Refusal refuse(Error error);
 // FAILED_PRECONDITION with the digest: upload it.
 Refusal missing_cage(const CageDigest& digest);

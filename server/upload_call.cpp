@@ -2,16 +2,24 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <functional>
+#include <limits>
+
 #include "cage_request.h"
 #include "call_log.h"
 #include "encode.h"
 #include "read_timeout.h"
+#include "request_cost.h"
 
 namespace barycast::server {
 namespace {
 
 // What a serialized Cage may be larger than its canonical bytes: tags and lengths of a dozen fields.
 constexpr uint64_t kSerializedExtraBytes = 4096;
+// Tables that every thread of the arena makes in a turn: some ten or twenty milliseconds, as computations take, so that
+// neither waits for long, nor does a cancellation.
+constexpr size_t kTablesPerTurn = 128;
 
 class UploadCall final : public grpc::ServerReadReactor<v1::UploadCageRequest> {
  public:
@@ -38,7 +46,11 @@ class UploadCall final : public grpc::ServerReadReactor<v1::UploadCageRequest> {
   std::optional<Refusal> admit() {
     if (std::optional<Refusal> refusal = closed(state_)) return refusal;
     // Twice the limit: the bytes, and the arrays decoded from them.
-    auto entered = state_.admission.enter(2 * state_.limits.cage_bytes_max);
+    return enter(2 * state_.limits.cage_bytes_max);
+  }
+
+  std::optional<Refusal> enter(uint64_t bytes) {
+    auto entered = state_.admission.enter(bytes);
     if (Refusal* busy = std::get_if<Refusal>(&entered)) return std::move(*busy);
     ticket_ = std::move(std::get<std::unique_ptr<Admission::Ticket>>(entered));
     return std::nullopt;
@@ -58,6 +70,11 @@ class UploadCall final : public grpc::ServerReadReactor<v1::UploadCageRequest> {
       Result<CageDigest> expected = decode_digest(request_.expected_digest(), "expected_digest");
       if (!expected) return Refusal{expected.error(), {}, {}};
       expected_ = *expected;
+    }
+    if (request_.fill_tables()) {
+      if (!first_)
+        return Refusal{invalid_argument("fill_tables", "in a later message; set it with the first piece"), {}, {}};
+      fill_tables_ = true;
     }
     first_ = false;
     if (bytes_.size() + request_.piece().size() > state_.limits.cage_bytes_max + kSerializedExtraBytes) {
@@ -80,18 +97,55 @@ class UploadCall final : public grpc::ServerReadReactor<v1::UploadCageRequest> {
     get_index(state_.cages, digest, std::move(cage), [this](Result<CageCache::Index> index, CageCache::Found found) {
       facts_.cache_hit = found == CageCache::Found::kHit;
       if (!index) return conclude({index.error(), {}, {}});
-      if (!state_.cages.contains((*index)->digest())) {
-        return conclude({{ErrorCode::kResourceExhausted, "cage",
-                          fmt::format("its {} bytes of acceleration structures found no place in this server's cache; "
-                                      "send it inline with the request",
-                                      (*index)->bytes())},
-                         {},
-                         {}});
-      }
-      *response_.mutable_digest() = encode_digest((*index)->digest());
-      for (const Warning& warning : (*index)->warnings()) *response_.add_warnings() = encode_warning(warning);
-      send(grpc::Status::OK);
+      index_ = std::move(*index);
+      fill_tables_ ? prepare_tables() : answer();
     });
+  }
+
+  void prepare_tables() {
+    // What follows the end of the call must not touch it.
+    index_->prepare(options_of_tables(), [this](const Status& built) {
+      if (!built) return conclude({built.error(), {}, {}});
+      state_.arena.post([this] {
+        fill([this] { places_ = index_->missing_tables(std::numeric_limits<size_t>::max(), log_.cancel_flag()); });
+      });
+    });
+  }
+
+  // A turn. Everything that was made is kept, and counted, whatever becomes of the call.
+  void fill(const std::function<void()>& work) {
+    const std::optional<Refusal> failure = guarded([&]() -> std::optional<Refusal> {
+      work();
+      return std::nullopt;
+    });
+    state_.cages.recount(*index_);
+    if (failure) return conclude(*failure);
+    if (log_.cancelled()) return conclude(cancelled_refusal());
+    // A cage that has outgrown the cache is not filled any further.
+    if (filled_ == places_.size() || !state_.cages.contains(index_->digest())) return answer();
+    state_.arena.post([this] { fill([this] { fill_some(); }); });
+  }
+
+  void fill_some() {
+    const size_t turn = kTablesPerTurn * static_cast<size_t>(state_.arena.threads());
+    const auto some = std::span(places_).subspan(filled_, std::min(turn, places_.size() - filled_));
+    // Where others took the room meanwhile there is none for the rest.
+    filled_ = index_->fill_tables(some, log_.cancel_flag()) > 0 ? filled_ + some.size() : places_.size();
+  }
+
+  void answer() {
+    if (!state_.cages.contains(index_->digest())) {
+      return conclude({{ErrorCode::kResourceExhausted, "cage",
+                        fmt::format("its {} bytes of acceleration structures found no place in this server's cache; "
+                                    "send it inline with the request",
+                                    index_->bytes())},
+                       {},
+                       {}});
+    }
+    *response_.mutable_digest() = encode_digest(index_->digest());
+    for (const Warning& warning : index_->warnings()) *response_.add_warnings() = encode_warning(warning);
+    response_.set_tables(index_->table_count());
+    send(grpc::Status::OK);
   }
 
   std::optional<Refusal> open(CageStorage& cage, CageDigest& digest) {
@@ -103,13 +157,24 @@ class UploadCall final : public grpc::ServerReadReactor<v1::UploadCageRequest> {
     facts_.cage = hexadecimal(digest);
     facts_.control_vertices = cage.control_vertex_count();
     if (Status same = check_digest(digest, expected_, "expected_digest"); !same) return Refusal{same.error(), {}, {}};
-    return std::nullopt;
+    return fill_tables_ ? admit_tables(cage) : std::nullopt;
+  }
+
+  // The pieces are gone, and a cage that has tables is small: what filling takes is admitted in their stead.
+  std::optional<Refusal> admit_tables(const CageStorage& cage) {
+    if (Status suits = check_tables(cage); !suits) return Refusal{suits.error(), {}, {}};
+    const Result<uint64_t> bytes = price_tables(cage, state_.limits, state_.arena.threads());
+    if (!bytes) return Refusal{bytes.error(), {}, {}};
+    ticket_.reset();
+    return enter(*bytes);
   }
 
   void conclude(const Refusal& refusal) { send(to_status(refusal)); }
 
   // The last thing done with `this`.
   void send(const grpc::Status& status) {
+    places_ = {};
+    index_.reset();
     ticket_.reset();
     log_.set_outcome(status, facts_);
     Finish(status);
@@ -121,9 +186,12 @@ class UploadCall final : public grpc::ServerReadReactor<v1::UploadCageRequest> {
   std::unique_ptr<Admission::Ticket> ticket_;
   v1::UploadCageRequest request_;
   ReadTimeout timeout_;
-  bool first_ = true;
+  bool first_ = true, fill_tables_ = false;
   std::optional<CageDigest> expected_;
   std::string bytes_;
+  CageCache::Index index_;
+  std::vector<const BallLeaf*> places_;  // of tables to make
+  size_t filled_ = 0;
   RequestFacts facts_;
 };
 

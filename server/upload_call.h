@@ -1,7 +1,7 @@
 #pragma once
 
 // The transport of one UploadCage call: collects the pieces, within the limit, then decodes, names and
-// indexes the cage on the arena.
+// indexes the cage on the arena; and fills its tables where that is asked for, in turns with other work.
 
 #include <grpcpp/server_context.h>
 #include <grpcpp/support/server_callback.h>

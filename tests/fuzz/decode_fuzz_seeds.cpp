@@ -52,6 +52,8 @@ int main(int argc, char** argv) {
   auto targeted = header(2);
   targeted.mutable_header()->mutable_options()->set_target_error(1e-3);
   targeted.mutable_header()->mutable_output()->set_errors(true);
+  auto tabled = header(2);
+  tabled.mutable_header()->mutable_options()->set_tables(true);
   const std::vector<std::string> seeds = {
       uploaded(tetrahedron()),
       uploaded(square()),
@@ -61,6 +63,7 @@ int main(int argc, char** argv) {
       framed({meshed, points(inner_points(4)), faces({4}, {0, 1, 2, 3})}),
       framed({named, points(inner_points(1))}),
       framed({targeted, points(inner_points(2))}),
+      framed({tabled, points(inner_points(2))}),
   };
   for (size_t i = 0; i < seeds.size(); ++i) {
     std::ofstream out(std::string(argv[1]) + "/seed" + std::to_string(i), std::ios::binary);

@@ -84,6 +84,27 @@ TEST(CageCache, CountsWhatGrew) {
   }
 }
 
+// Tables that a request or an upload filled count as well.
+TEST(CageCache, CountsTables) {
+  const Sample a = sample(0);
+  CageCache cache(1 << 30);
+  CageCache::Index held;
+  cache.get(a.digest, a.build(), [&](const Result<CageCache::Index>& index, Found) { held = *index; });
+  Options options;
+  options.tables = true;
+  ASSERT_TRUE(held->prepare(*resolve(options, false)).ok());
+  cache.recount(*held);
+  const uint64_t before = cache.bytes();
+  EXPECT_EQ(held->table_count(), 0u);
+  const std::atomic<bool> never = false;
+  EXPECT_EQ(held->fill_tables(50, never), 50u);
+  EXPECT_EQ(held->table_count(), 50u);
+  EXPECT_EQ(cache.bytes(), before);
+  cache.recount(*held);
+  EXPECT_EQ(cache.bytes(), held->bytes());
+  EXPECT_GT(cache.bytes(), before + 50 * 9 * 4 * sizeof(float));
+}
+
 TEST(CageCache, ServesButDoesNotKeepWhatIsTooLarge) {
   const Sample a = sample(0);
   CageCache cache(bytes_of(a) - 1);

@@ -113,9 +113,10 @@ Answer Client::compute(const std::vector<v1::ComputeCoordinatesRequest>& request
   return answer;
 }
 
-Outcome Client::upload(const std::vector<v1::UploadCageRequest>& pieces, v1::UploadCageResponse& response) {
+Outcome Client::upload(const std::vector<v1::UploadCageRequest>& pieces, v1::UploadCageResponse& response,
+                       const CallSettings& settings) {
   grpc::ClientContext context;
-  prepare(context, {});
+  prepare(context, settings);
   const auto writer = stubs_->api->UploadCage(&context, &response);
   for (const auto& piece : pieces) {
     if (!writer->Write(piece)) break;

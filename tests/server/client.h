@@ -72,7 +72,8 @@ class Client {
 
   Answer compute(const std::vector<v1::ComputeCoordinatesRequest>& requests, const CallSettings& settings = {});
   std::unique_ptr<Stream> open(const CallSettings& settings = {});
-  Outcome upload(const std::vector<v1::UploadCageRequest>& pieces, v1::UploadCageResponse& response);
+  Outcome upload(const std::vector<v1::UploadCageRequest>& pieces, v1::UploadCageResponse& response,
+                 const CallSettings& settings = {});
   Outcome find_missing(const v1::FindMissingCagesRequest& request, v1::FindMissingCagesResponse& response);
   Outcome capabilities(v1::GetCapabilitiesResponse& response);
   Outcome estimate(const v1::EstimateCostRequest& request, v1::EstimateCostResponse& response,

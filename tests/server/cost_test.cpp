@@ -66,6 +66,10 @@ const std::vector<Spoil> kSpoils = {
     [](auto& h) { h.mutable_options()->set_target_error(1e-3); },  // more samples than this server takes
     [](auto& h) { h.mutable_options()->set_target_error(2.0); },
     [](auto& h) { h.mutable_output()->set_errors(true); },
+    [](auto& h) {
+      h.mutable_options()->set_tables(true);
+      h.mutable_options()->set_estimator(v1::ESTIMATOR_SAMPLING);
+    },
     [](auto& h) { h.mutable_output()->set_type(v1::DATA_TYPE_UINT32); },
     [](auto& h) { h.mutable_output()->set_block_rows(10'000'000); },
     [](auto& h) { h.mutable_output()->set_influences_max(3); },
@@ -148,6 +152,21 @@ TEST_F(EstimateCost, OfATargetErrorIsTheMost) {
   EXPECT_LE(answer.summary->samples(), most.samples());
   ASSERT_EQ(answer.rows.size(), 1u);
   EXPECT_EQ(answer.rows[0].errors().size(), 100u * 8u);
+}
+
+// Which points tables serve only the points tell: the estimate says the most.
+TEST_F(EstimateCost, WithTablesIsTheMost) {
+  auto request = header(100);
+  request.mutable_header()->mutable_options()->set_estimator(v1::ESTIMATOR_PREDICTED);
+  v1::EstimateCostResponse without, with;
+  ASSERT_EQ(estimate(request.header(), without).code, kOk);
+  request.mutable_header()->mutable_options()->set_tables(true);
+  ASSERT_EQ(estimate(request.header(), with).code, kOk);
+  EXPECT_EQ(with.samples(), without.samples());
+  EXPECT_GT(with.memory_bytes(), without.memory_bytes());
+  const Answer answer = client_->compute({request, points(inner_points(100))});
+  ASSERT_EQ(answer.code, kOk) << answer.message;
+  EXPECT_LT(answer.summary->samples(), with.samples());
 }
 
 TEST_F(EstimateCost, AnUnknownCageIsMissing) {

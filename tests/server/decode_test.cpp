@@ -181,6 +181,54 @@ TEST(EncodeHeader, ATargetErrorGoesRound) {
   EXPECT_EQ(again->options.target_error, 2e-3);
 }
 
+TEST(DecodeHeader, TakesTablesWithPredictionsOnly) {
+  v1::ComputeHeader h = sound();
+  h.mutable_queries()->set_face_count(1);
+  h.mutable_queries()->set_corner_count(3);
+  EXPECT_FALSE(decode_header(h, {})->options.tables);
+  h.mutable_options()->set_tables(true);
+  const Result<ComputePlan> plan = decode_header(h, {});
+  ASSERT_TRUE(plan.ok()) << plan.error().text();
+  EXPECT_TRUE(plan->options.tables);
+  EXPECT_EQ(plan->options.estimator, Estimator::kPredicted);
+  EXPECT_EQ(plan->options.denoise, Denoise::kNone);
+  h.mutable_options()->set_denoise(v1::DENOISE_MESH);
+  EXPECT_EQ(decode_header(h, {})->options.denoise, Denoise::kMesh);
+
+  const auto refused = [](const std::function<void(v1::ComputeOptions&)>& spoil) {
+    v1::ComputeHeader spoilt = sound();
+    spoilt.mutable_options()->set_tables(true);
+    spoil(*spoilt.mutable_options());
+    expect_refused(spoilt, kInvalid, "header.options.tables");
+  };
+  refused([](auto& o) { o.set_estimator(v1::ESTIMATOR_SAMPLING); });
+  refused([](auto& o) { o.set_estimator(v1::ESTIMATOR_BOUNDARY_ELEMENT); });
+  refused([](auto& o) { o.set_preset(v1::PRESET_PAPER); });
+  refused([](auto& o) { o.set_coordinates(v1::COORDINATE_KIND_MEAN_VALUE); });
+}
+
+// What the answer's header says may be asked for again, with a target error as well.
+TEST(EncodeHeader, TablesGoRound) {
+  for (const bool targeted : {false, true}) {
+    v1::ComputeHeader h = sound();
+    h.mutable_options()->set_tables(true);
+    if (targeted) h.mutable_options()->set_target_error(2e-3);
+    const v1::ComputeCoordinatesResponse answer = encode_header({.digest = {},
+                                                                 .options = decode_header(h, {})->options,
+                                                                 .float64 = true,
+                                                                 .block_rows = 10,
+                                                                 .control_vertex_count = 4});
+    const v1::ComputeOptions& said = answer.header().options();
+    EXPECT_TRUE(said.tables());
+    EXPECT_EQ(said.has_samples(), !targeted);
+    *h.mutable_options() = said;
+    const Result<ComputePlan> again = decode_header(h, {});
+    ASSERT_TRUE(again.ok()) << again.error().text();
+    EXPECT_TRUE(again->options.tables);
+    EXPECT_EQ(again->options.target_error, targeted ? 2e-3 : 0.0);
+  }
+}
+
 TEST(EncodeRows, CarryErrorsWhereAskedFor) {
   const RowBlock block{.offsets = {0, 1, 2},
                        .indices = {0, 1},

@@ -136,6 +136,26 @@ TEST_F(Resume, GivesTheErrorsOfTheUnbrokenStream) {
   }
 }
 
+TEST_F(Resume, GivesTheBytesOfTheUnbrokenStreamWithTables) {
+  for (const bool smoothed : {false, true}) {
+    auto requests = request(smoothed);
+    requests[0].mutable_header()->mutable_options()->set_tables(true);
+    if (smoothed) requests[0].mutable_header()->mutable_options()->set_denoise(v1::DENOISE_MESH);
+    const Answer whole = client_->compute(requests);
+    ASSERT_EQ(whole.code, kOk) << whole.message;
+    EXPECT_TRUE(whole.header->options().tables());
+    EXPECT_EQ(whole.header->options().smoothing_time() > 0.0, smoothed);
+    for (const uint32_t row : {1u, 64u, kCount - 1}) {
+      *requests[0].mutable_header()->mutable_resume() = resume(whole, row);
+      requests[0].mutable_header()->mutable_output()->set_block_rows(17);
+      const Answer rest = client_->compute(requests);
+      ASSERT_EQ(rest.code, kOk) << rest.message;
+      const auto expected = row_bytes(whole);
+      EXPECT_EQ(row_bytes(rest), std::vector<std::string>(expected.begin() + row, expected.end()));
+    }
+  }
+}
+
 // The first request may state a time itself; the resume repeats it.
 TEST_F(Resume, WorksWithAStatedSmoothingTime) {
   auto requests = request(true);
