@@ -50,6 +50,38 @@ TEST_F(Verbs, UploadAnswersOurDigest) {
   EXPECT_EQ(result->digest, box().digest());
 }
 
+TEST_F(Verbs, UploadFillsTablesAndBindTakesThem) {
+  // A bar, which takes a second to fill.
+  CageParts parts = box_parts();
+  std::vector<double> x = positions_;
+  for (std::vector<double>* all : {&parts.control_vertices, &x})
+    for (size_t i = 0; i < all->size(); ++i)
+      if (i % 3 > 0) (*all)[i] *= 0.024;
+  const Cage bar = Cage::create(parts).value();
+  const Points inside{std::span<const double>(x), 3};
+  const ComputeOptions options{.estimator = Estimator::kPredicted, .tables = true, .type = DataType::kFloat64};
+  const Result<Binding> cold = client_.bind(bar, inside, no_faces_, options);
+  ASSERT_TRUE(cold) << cold.error().text();
+  EXPECT_TRUE(cold->report.options.tables);
+  EXPECT_LT(cold->report.samples, 500u * 12);
+  const Result<Uploaded> some = client_.upload(bar), all = client_.upload(bar, {.fill_tables = true});
+  ASSERT_TRUE(some && all) << all.error().text();
+  EXPECT_GT(some->tables, 0u);
+  EXPECT_GT(all->tables, some->tables);
+  EXPECT_EQ(client_.bind(bar, inside, no_faces_, options)->values, cold->values);
+
+  ComputeOptions sampled = options;
+  sampled.estimator = Estimator::kSampling;
+  EXPECT_EQ(client_.bind(bar, inside, no_faces_, sampled).error().field, "header.options.tables");
+  parts.quads.resize(5 * 4);
+  const Result<Cage> open = Cage::create(parts);
+  ASSERT_TRUE(open);
+  const Result<Uploaded> refused = client_.upload(*open, {.fill_tables = true});
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().code, Code::kInvalidArgument);
+  EXPECT_EQ(refused.error().field, "fill_tables");
+}
+
 TEST_F(Verbs, AnInvalidCageIsRefusedWithItsField) {
   const Result<Cage> flat = Cage::create({.control_vertices = {0, 0, 0, 1, 0, 0, 0, 1, 0}, .triangles = {0, 1, 2}});
   const Result<Uploaded> result = client_.upload(*flat);

@@ -29,6 +29,8 @@ ParsedArguments parse_arguments(int argc, char** argv) {
   app.add_option("--target-error", options.target_error,
                  "Predicted, instead of --samples: walks until a point's standard error is this, 1e-5 to 1");
   app.add_flag("--errors", options.errors, "With --target-error: also store every point's error");
+  app.add_flag("--tables", options.tables,
+               "Predicted, inside closed cages: tables that the server keeps with the cage instead of walks");
   app.add_option("--seed", options.seed)->capture_default_str();
   app.add_option("--preset", preset)->check(CLI::IsMember({"default", "paper"}))->capture_default_str();
   app.add_option("--denoise", denoise, "auto: over the model's faces, when it has any")

@@ -29,12 +29,12 @@ void append(std::string& list, const std::string& item) {
 std::string method(const client::ComputeOptions& options) {
   const uint32_t panels = options.panels.value_or(0), samples = options.samples.value_or(0);
   const bool sampling = options.estimator == client::Estimator::kSampling;
+  const std::string estimator = name(options.estimator) + (options.tables ? " with tables" : "");
   if (const double target = options.target_error.value_or(0); target > 0)
-    return name(options.estimator) + " to a standard error of " + decimals(target, "%g") + ", preset " +
-           name(options.preset) + ", denoise " + name(options.denoise) + ", seed " + std::to_string(options.seed);
-  if (!sampling && samples == 0)
-    return name(options.estimator) + (panels > 0 ? ", at most " + thousands(panels) + " panels" : "");
-  return (sampling ? "" : name(options.estimator) + ", ") + std::to_string(samples) + " samples per point, preset " +
+    return estimator + " to a standard error of " + decimals(target, "%g") + ", preset " + name(options.preset) +
+           ", denoise " + name(options.denoise) + ", seed " + std::to_string(options.seed);
+  if (!sampling && samples == 0) return estimator + (panels > 0 ? ", at most " + thousands(panels) + " panels" : "");
+  return (sampling ? "" : estimator + ", ") + std::to_string(samples) + " samples per point, preset " +
          name(options.preset) + ", denoise " + name(options.denoise) + ", seed " + std::to_string(options.seed);
 }
 

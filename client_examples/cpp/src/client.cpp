@@ -94,9 +94,13 @@ Result<Capabilities> Client::capabilities(const std::stop_token& stop) {
 }
 
 Result<Uploaded> Client::upload(const Cage& cage, const std::stop_token& stop) {
+  return upload(cage, UploadOptions{}, stop);
+}
+
+Result<Uploaded> Client::upload(const Cage& cage, const UploadOptions& options, const std::stop_token& stop) {
   Retry retry = connection_->new_retry(stop);
   Uploaded result;
-  const auto attempt = [&] { return connection_->upload(cage, retry, result); };
+  const auto attempt = [&] { return connection_->upload(cage, options, retry, result); };
   if (Outcome failure = connection_->retried(retry, attempt)) return final_error(retry, std::move(*failure));
   return result;
 }

@@ -143,6 +143,9 @@ Outcome Computation::use_header(const v1::ResponseHeader& header) {
   if (options_.target_error && !header.options().has_target_error()) {
     return data_loss("the server knows no target error; ask for samples", "header.options.target_error");
   }
+  if (options_.tables && !header.options().tables()) {
+    return data_loss("the server knows no tables; leave them out", "header.options.tables");
+  }
   if (next_row_ > 0 && header.numerics_version() != header_->numerics_version()) return build_changed();
   if (next_row_ > 0) resumed_rows_.push_back(next_row_);
   header_ = header;

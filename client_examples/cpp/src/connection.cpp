@@ -66,7 +66,7 @@ Outcome Connection::capabilities(const Retry& retry, Capabilities& result) {
   return std::nullopt;
 }
 
-Outcome Connection::upload(const Cage& cage, const Retry& retry, Uploaded& result) {
+Outcome Connection::upload(const Cage& cage, const UploadOptions& options, const Retry& retry, Uploaded& result) {
   Capabilities capabilities;
   if (Outcome failure = this->capabilities(retry, capabilities)) return failure;
   // Half for the piece: the digest and the field's tags need little.
@@ -78,6 +78,7 @@ Outcome Connection::upload(const Cage& cage, const Retry& retry, Uploaded& resul
   for (uint64_t begin = 0; begin < bytes.size(); begin += piece_max) {
     v1::UploadCageRequest request;
     if (begin == 0) *request.mutable_expected_digest() = to_message(cage.digest());
+    request.set_fill_tables(options.fill_tables && begin == 0);
     request.set_piece(bytes.substr(begin, piece_max));
     if (!writer->Write(request)) break;  // refused: the status says why
   }
@@ -123,7 +124,7 @@ Outcome Connection::retried(Retry& retry, const Cage& cage, const std::function<
   for (;;) {
     Outcome failure;
     Uploaded uploaded;
-    if (by == CageBy::kUploadThenDigest) failure = upload(cage, retry, uploaded);
+    if (by == CageBy::kUploadThenDigest) failure = upload(cage, {}, retry, uploaded);
     if (!failure) failure = attempt(by);
     if (!failure) return std::nullopt;
     if (failure->cage_missing && by != CageBy::kInline) {

@@ -51,7 +51,7 @@ class Connection {
 
   // Asked once, and again after an attempt failed: another server may answer then.
   Outcome capabilities(const Retry& retry, Capabilities& result);
-  Outcome upload(const Cage& cage, const Retry& retry, Uploaded& result);
+  Outcome upload(const Cage& cage, const UploadOptions& options, const Retry& retry, Uploaded& result);
   Outcome estimate(const v1::EstimateCostRequest& request, const Cage& cage, const Retry& retry, Cost& result);
 
   // Attempts until one succeeds or its failure is final.

@@ -57,6 +57,7 @@ ComputeOptions from_message(const v1::ComputeOptions& options, const v1::OutputO
           .prune_below = options.prune_below(),
           .smoothing_time = options.smoothing_time(),
           .target_error = options.target_error(),
+          .tables = options.tables(),
           .type = static_cast<DataType>(output.type()),
           .gradients = output.gradients(),
           .block_rows = output.block_rows(),
@@ -114,6 +115,7 @@ v1::ComputeOptions to_message(const ComputeOptions& options) {
   if (options.prune_below) message.set_prune_below(*options.prune_below);
   if (options.smoothing_time) message.set_smoothing_time(*options.smoothing_time);
   if (options.target_error) message.set_target_error(*options.target_error);
+  message.set_tables(options.tables);
   return message;
 }
 
@@ -184,6 +186,7 @@ Uploaded from_message(const v1::UploadCageResponse& response) {
   }
   result.digest.size_bytes = response.digest().size_bytes();
   result.warnings = warnings(response.warnings());
+  result.tables = response.tables();
   return result;
 }
 

@@ -86,7 +86,8 @@ std::string to_json(const ComputeOptions& options) {
       .add("gradients", options.gradients);
   object.add("influences_max", uint64_t{options.influences_max})
       .add("target_error", options.target_error.value_or(0))
-      .add("errors", options.errors);
+      .add("errors", options.errors)
+      .add("tables", options.tables);
   return object.text();
 }
 

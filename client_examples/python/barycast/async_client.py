@@ -47,10 +47,10 @@ class AsyncClient:
         return await self.connection.run(
             flows.retried(retry, lambda: flows.capabilities(self.connection.memory, retry)))
 
-    async def upload(self, cage: Cage) -> barycast_pb2.UploadCageResponse:
+    async def upload(self, cage: Cage, fill_tables: bool = False) -> barycast_pb2.UploadCageResponse:
         """As `Client.upload`."""
         retry = self._retry()
-        return await self.connection.run(flows.retried(retry, lambda: flows.upload(cage, retry)))
+        return await self.connection.run(flows.retried(retry, lambda: flows.upload(cage, retry, fill_tables)))
 
     async def estimate(self, cage: Cage, point_count: int, faces: Any = None,
                        options: Optional[options_pb2.ComputeOptions] = None,
@@ -74,10 +74,10 @@ class AsyncClient:
                    thickness: Optional[float] = None, walk_steps_max: Optional[int] = None,
                    prune_below: Optional[float] = None, smoothing_time: Optional[float] = None,
                    influences_max: int = 0, estimator: str = "auto", panels: Optional[int] = None,
-                   target_error: Optional[float] = None, errors: bool = False) -> Binding:
+                   target_error: Optional[float] = None, errors: bool = False, tables: bool = False) -> Binding:
         """As `Client.bind`."""
         options = compute_options(coordinates, preset, samples, seed, denoise, thickness, walk_steps_max, prune_below,
-                                  smoothing_time, estimator, panels, target_error)
+                                  smoothing_time, estimator, panels, target_error, tables)
         output = output_options(dtype, gradients, influences_max, errors)
         return await self.bind_with(cage, points, faces, options, output, progress)
 

@@ -64,6 +64,8 @@ def _add_bind(verbs: Verbs) -> argparse.ArgumentParser:
     bind.add_argument("--target-error", type=float, metavar="T",
                       help="predicted, instead of --samples: walks until a point's standard error is T, 1e-5 to 1")
     bind.add_argument("--errors", action="store_true", help="with --target-error: also store every point's error")
+    bind.add_argument("--tables", action="store_true",
+                      help="predicted, inside closed cages: tables that the server keeps with the cage instead of walks")
     bind.add_argument("--seed", type=int, default=0)
     bind.add_argument("--preset", choices=PRESETS, default="default")
     bind.add_argument("--denoise", choices=("auto", "none"), default="auto",

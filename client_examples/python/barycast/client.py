@@ -52,11 +52,13 @@ class Client:
         retry = self._retry()
         return self.connection.run(flows.retried(retry, lambda: flows.capabilities(self.connection.memory, retry)))
 
-    def upload(self, cage: Cage) -> barycast_pb2.UploadCageResponse:
-        """Gives the server the cage to hold, and returns its digest and warnings. Throws InputError when the cage is
-        invalid or too large, ServerError. `compute` and `bind` upload by themselves when they must."""
+    def upload(self, cage: Cage, fill_tables: bool = False) -> barycast_pb2.UploadCageResponse:
+        """Gives the server the cage to hold, and returns its digest, warnings and number of tables. fill_tables: also
+        fill them, seconds for some cages, so that `bind` with tables finds them there. Throws InputError when the cage
+        is invalid or too large, or has no tables, ServerError. `compute` and `bind` upload by themselves when they
+        must."""
         retry = self._retry()
-        return self.connection.run(flows.retried(retry, lambda: flows.upload(cage, retry)))
+        return self.connection.run(flows.retried(retry, lambda: flows.upload(cage, retry, fill_tables)))
 
     def estimate(self, cage: Cage, point_count: int, faces: Any = None,
                  options: Optional[options_pb2.ComputeOptions] = None,
@@ -85,15 +87,17 @@ class Client:
              thickness: Optional[float] = None, walk_steps_max: Optional[int] = None,
              prune_below: Optional[float] = None, smoothing_time: Optional[float] = None,
              influences_max: int = 0, estimator: str = "auto", panels: Optional[int] = None,
-             target_error: Optional[float] = None, errors: bool = False) -> Binding:
+             target_error: Optional[float] = None, errors: bool = False, tables: bool = False) -> Binding:
         """All rows of `compute` as one sparse matrix. None follows the preset. influences_max: coordinates kept per
         row, d + 1 or more; 0: all. estimator: "auto" (the best that kind, preset and cage
         allow), "sampling", "predicted" (harmonic: walks correct a prediction, surface cages in space that are not too large), or without samples "boundary-element" (harmonic, at most
         `panels` of them) or "exact" (mean value, closed cages of triangles and polygons). target_error: of predicted
         coordinates, instead of samples: as many walks a point as bring the standard error of its row down to it, at
-        most 6144, and nothing denoised; errors: the binding then holds those errors. Throws InputError, ServerError."""
+        most 6144, and nothing denoised; errors: the binding then holds those errors. tables: of predicted coordinates,
+        corrections inside a closed cage from tables that the server keeps with the cage, for points that follow one
+        another over time; nothing is denoised. Throws InputError, ServerError."""
         options = compute_options(coordinates, preset, samples, seed, denoise, thickness, walk_steps_max, prune_below,
-                                  smoothing_time, estimator, panels, target_error)
+                                  smoothing_time, estimator, panels, target_error, tables)
         output = output_options(dtype, gradients, influences_max, errors)
         return self.bind_with(cage, points, faces, options, output, progress)
 

@@ -38,7 +38,7 @@ def bind(arguments: argparse.Namespace) -> None:
     options = compute_options(arguments.coordinates, arguments.preset, arguments.samples, arguments.seed,
                               arguments.denoise, arguments.thickness, arguments.walk_steps_max, arguments.prune_below,
                               estimator=arguments.estimator, panels=arguments.panels,
-                              target_error=arguments.target_error)
+                              target_error=arguments.target_error, tables=arguments.tables)
     output = output_options(arguments.dtype, arguments.gradients, arguments.influences, arguments.errors)
     with Client(arguments.server, retry_seconds=arguments.retry_seconds) as client, _waiting_line(client, arguments):
         if arguments.estimate:
@@ -46,7 +46,7 @@ def bind(arguments: argparse.Namespace) -> None:
             values = {name: int(getattr(cost, name)) for name in ("memory_bytes", "samples", "output_bytes")}
             print(json.dumps(values, indent=2) if arguments.json else
                   f"{cost.memory_bytes / 1e6:,.1f} MB of the server's memory, "
-                  f"{'' if arguments.target_error is None else 'at most '}{cost.samples:,} samples, "
+                  f"{'at most ' if arguments.tables or arguments.target_error is not None else ''}{cost.samples:,} samples, "
                   f"{cost.output_bytes / 1e6:,.1f} MB of rows")
             return
         with _progress_bar(arguments.quiet) as progress:

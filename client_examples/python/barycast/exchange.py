@@ -127,6 +127,8 @@ class Exchange:
         if self._options.HasField("target_error") and not header.options.HasField("target_error"):
             raise ServerError("knows no target error; ask for samples", code="DATA_LOSS",
                               field="header.options.target_error")
+        if self._options.tables and not header.options.tables:
+            raise ServerError("knows no tables; leave them out", code="DATA_LOSS", field="header.options.tables")
         if self.header is None or self._next_row == 0:
             self.header = header
             return

@@ -80,10 +80,10 @@ def capabilities(memory: Memory, retry: Retry) -> Flow[barycast_pb2.GetCapabilit
     return memory.capabilities
 
 
-def upload(cage: Cage, retry: Retry) -> Flow[barycast_pb2.UploadCageResponse]:
+def upload(cage: Cage, retry: Retry, fill_tables: bool = False) -> Flow[barycast_pb2.UploadCageResponse]:
     """Sends the cage in pieces."""
-    response: barycast_pb2.UploadCageResponse = yield Call("UploadCage", upload_pieces(cage), retry.timeout(),
-                                                           digest_metadata(cage))
+    response: barycast_pb2.UploadCageResponse = yield Call("UploadCage", upload_pieces(cage, fill_tables),
+                                                           retry.timeout(), digest_metadata(cage))
     return response
 
 

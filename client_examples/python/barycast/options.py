@@ -52,7 +52,7 @@ def compute_options(coordinates: str = "harmonic", preset: str = "default", samp
                     seed: int = 0, denoise: str = "auto", thickness: Optional[float] = None,
                     walk_steps_max: Optional[int] = None, prune_below: Optional[float] = None,
                     smoothing_time: Optional[float] = None, estimator: str = "auto",
-                    panels: Optional[int] = None, target_error: Optional[float] = None
+                    panels: Optional[int] = None, target_error: Optional[float] = None, tables: bool = False
                     ) -> options_pb2.ComputeOptions:
     """What to compute; None follows the preset. Ranges are the server's to check, names and whole numbers are
     checked here. Throws InputError naming the field."""
@@ -68,7 +68,8 @@ def compute_options(coordinates: str = "harmonic", preset: str = "default", samp
         walk_steps_max=_whole(walk_steps_max, "options.walk_steps_max", 32),
         prune_below=prune_below,
         smoothing_time=smoothing_time,
-        target_error=target_error)
+        target_error=target_error,
+        tables=tables)
 
 
 def output_options(dtype: Any = "float32", gradients: bool = False, influences_max: int = 0, errors: bool = False
@@ -107,6 +108,7 @@ def describe(options: options_pb2.ComputeOptions, output: options_pb2.OutputOpti
         "influences_max": output.influences_max,
         "target_error": options.target_error,
         "errors": output.errors,
+        "tables": options.tables,
     }
 
 

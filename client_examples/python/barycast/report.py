@@ -121,7 +121,7 @@ def _errors_line(errors: Optional[Dict[str, float]], above: int, target: float) 
 
 def _method(options: Dict[str, Any]) -> str:
     """How coordinates were found. Reports of the first versions name no estimator: they sampled."""
-    estimator = options.get("estimator", "sampling")
+    estimator = options.get("estimator", "sampling") + (" with tables" if options.get("tables") else "")
     if options.get("target_error"):
         return (f'{estimator} to a standard error of {options["target_error"]:g}, preset {options["preset"]}, '
                 f'denoise {options["denoise"]}, seed {options["seed"]}')

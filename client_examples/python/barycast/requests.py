@@ -66,12 +66,13 @@ class CageNaming:
         self._by = _By(self._by.value + 1)
 
 
-def upload_pieces(cage: Cage) -> Iterator[barycast_pb2.UploadCageRequest]:
-    """The cage in pieces; the digest travels with the first."""
+def upload_pieces(cage: Cage, fill_tables: bool = False) -> Iterator[barycast_pb2.UploadCageRequest]:
+    """The cage in pieces; the digest, and what else to do, travel with the first."""
     data = cage.to_message().SerializeToString()
     digest: Optional[cage_pb2.CageDigest] = cage.digest
     for begin in range(0, len(data), _UPLOAD_PIECE_BYTES):
-        yield barycast_pb2.UploadCageRequest(expected_digest=digest, piece=data[begin:begin + _UPLOAD_PIECE_BYTES])
+        yield barycast_pb2.UploadCageRequest(expected_digest=digest, fill_tables=fill_tables and begin == 0,
+                                             piece=data[begin:begin + _UPLOAD_PIECE_BYTES])
         digest = None
 
 

@@ -30,11 +30,12 @@ BLOCK_ROWS = 1000
 @dataclass
 class Behaviour:
     """uploads_ignored: answers MISSING although it was uploaded. unavailable, busy: so many computations are refused.
-    row_seconds: delay per block of rows. message_bytes_max: as announced, and checked. break_after_blocks: fails with
+    knows_tables: false answers without them. row_seconds: delay per block of rows. message_bytes_max: as announced, and checked. break_after_blocks: fails with
     UNKNOWN there. unavailable_after_blocks: the next computations end with UNAVAILABLE after so many blocks, and the
     next of numerics_versions then counts. resumes: where clients went on."""
 
     uploads_ignored: bool = False
+    knows_tables: bool = True
     unavailable: int = 0
     busy: int = 0
     row_seconds: float = 0.0
@@ -179,6 +180,7 @@ class FakeService(barycast_pb2_grpc.BarycastServiceServicer):
         options.estimator = options.estimator or options_pb2.ESTIMATOR_PREDICTED
         options.samples = options.samples or 12
         options.thickness = options.thickness or 1e-3
+        options.tables = options.tables and self.behaviour.knows_tables
         yield pb.ComputeCoordinatesResponse(header=pb.ResponseHeader(
             options=options, output=header.output, numerics_version=self.behaviour.numerics_versions[0],
             control_vertex_count=len(vertices)))

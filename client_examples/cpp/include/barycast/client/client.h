@@ -60,9 +60,14 @@ struct Capabilities {
   uint64_t message_bytes_max = 0, request_bytes_max = 0;
 };
 
+struct UploadOptions {
+  bool fill_tables = false;  // so that computations with ComputeOptions::tables find them; seconds for some cages
+};
+
 struct Uploaded {
   CageDigest digest;  // as computed by the server
   std::vector<Warning> warnings;
+  uint64_t tables = 0;  // that the cage has now
 };
 
 struct QuerySize {
@@ -120,6 +125,8 @@ class Client {
   // the cage by its digest, upload it where it is missing, and send it along where it is missing again. Errors: an
   // invalid cage, one that is over the server's limit.
   Result<Uploaded> upload(const Cage& cage, const std::stop_token& stop = {});
+  // Errors: also a cage that has no tables, where they are asked for: it is open, in the plane, or too large.
+  Result<Uploaded> upload(const Cage& cage, const UploadOptions& options, const std::stop_token& stop = {});
 
   // What a computation would cost, or the error with which it would be refused.
   Result<Cost> estimate(const Cage& cage, const QuerySize& size, const ComputeOptions& options,

@@ -33,6 +33,8 @@ struct ComputeOptions {
   std::optional<double> smoothing_time = {};    // in squared diagonals
   // Of predicted coordinates, instead of samples: the standard error that a row's values are to have.
   std::optional<double> target_error = {};
+  // Of predicted coordinates: corrections inside a closed cage from tables that the server keeps with the cage.
+  bool tables = false;
 
   DataType type = DataType::kFloat32;  // of values and gradients
   bool gradients = false;              // per unit of the caller's length
