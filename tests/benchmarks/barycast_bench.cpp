@@ -9,7 +9,8 @@
 //   moments, solve of the samples                         encode      rows to messages, float32
 // walk, moments and solve are measured in a pass of their own, over the same points; in the binding they are one. Other
 // estimators than sampling have no such pass: solve is to solve boundary elements, walk all that comes before
-// denoising, or without it all of the rows. A prediction is solved for in build.
+// denoising, or without it all of the rows. A prediction is solved for in build. With --tables predictions are
+// corrected by tables, which are filled after build (stage fill), or, with --tables cold, as points ask.
 
 #include <sys/resource.h>
 #include <tbb/task_arena.h>
@@ -19,6 +20,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
+#include <limits>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -56,13 +58,14 @@ struct Variant {
   std::string engine_name, isa;
   int threads;
   std::optional<uint32_t> samples;
+  bool fill = false;  // tables ahead
 };
 
 // Of one run: seconds by name, and counts.
 struct Run {
   std::map<std::string, double> stages;
   double total = 0.0;
-  uint64_t walks = 0, steps = 0, rows = 0, encoded_bytes = 0;
+  uint64_t walks = 0, steps = 0, rows = 0, encoded_bytes = 0, tables = 0;
 };
 
 class Stopwatch {
@@ -152,6 +155,10 @@ Run run_once(const Job& job, const Variant& variant, const ResolvedOptions& opti
   if (!index) fail(index.error().text());
   if (const Status built = (*index)->prepare(options); !built) fail(built.error().text());
   run.stages["build"] = watch.lap();
+  if (variant.fill) {
+    (*index)->fill_tables(std::numeric_limits<size_t>::max(), kNeverCancelled);
+    run.stages["fill"] = watch.lap();
+  }
   auto binding = Binding::create(*index, job.queries, {.options = options});
   if (!binding) fail(binding.error().text());
   for (bool done = false; !done;) {
@@ -166,7 +173,8 @@ Run run_once(const Job& job, const Variant& variant, const ResolvedOptions& opti
     run.stages["encode"] += encoding;
     run.total += encoding;
   }
-  run.total += watch.lap() + run.stages["build"];
+  run.total += watch.lap() + run.stages["build"] + run.stages["fill"];
+  run.tables = (*index)->table_count();
   const BindingSummary& summary = (*binding)->summary();
   run.stages["smooth_factor"] = summary.smoothing_factor_s;
   run.stages["smooth_solve"] = summary.smoothing_solve_s;
@@ -197,7 +205,8 @@ nlohmann::ordered_json report(const Job& job, const Variant& variant, const Reso
                              {"samples", options.samples},
                              {"engine", variant.engine_name},
                              {"isa", variant.isa},
-                             {"threads", variant.threads}};
+                             {"threads", variant.threads},
+                             {"tables", runs[0].tables}};
   const auto of = [&](const auto& value) {
     std::vector<double> values;
     for (const Run& run : runs) values.push_back(value(run));
@@ -212,6 +221,7 @@ nlohmann::ordered_json report(const Job& job, const Variant& variant, const Reso
       runs[0].walks > 0 ? static_cast<double>(runs[0].steps) / static_cast<double>(runs[0].walks) : 0.0;
   for (const char* name : {"build", "walk", "moments", "solve", "smooth_factor", "smooth_solve", "prune", "encode"})
     out["stages"][name] = stage(name);
+  if (variant.fill) out["stages"]["fill"] = stage("fill");
   const std::vector<double> totals = of([](const Run& run) { return run.total; });
   out["total_s"] = median(totals);
   out["total_s_least"] = *std::min_element(totals.begin(), totals.end());
@@ -236,6 +246,7 @@ int main(int argc, char** argv) {
                                                   {"exact", Estimator::kExact}};
   int repeats = 1;
   bool json = false;
+  std::string tables;
   CLI::App app("Where the time of a binding goes, for every combination of the options.", "barycast_bench");
   app.add_option("--cage", cage, "OBJ of triangles and quads")->required();
   app.add_option("--model", model, "OBJ")->required();
@@ -247,6 +258,10 @@ int main(int argc, char** argv) {
   app.add_option("--engine", engines)->delimiter(',')->check(CLI::IsMember({"grid", "embree"}));
   app.add_option("--threads", threads)->delimiter(',')->check(CLI::PositiveNumber);
   app.add_option("--isa", isas)->delimiter(',')->check(CLI::IsMember({"avx2", "avx512", "widest"}));
+  app.add_option("--tables", tables, "correct predictions by tables: filled ahead, or as points ask")
+      ->check(CLI::IsMember({"filled", "cold"}))
+      ->expected(0, 1)
+      ->default_str("filled");
   app.add_option("--repeats", repeats)->check(CLI::PositiveNumber);
   app.add_flag("--json", json, "accepted for scripts; there is no other form");
   CLI11_PARSE(app, argc, argv);
@@ -266,7 +281,8 @@ int main(int argc, char** argv) {
                           .engine_name = engine,
                           .isa = isa,
                           .threads = t,
-                          .samples = {}};
+                          .samples = {},
+                          .fill = tables == "filled"};
           if (samples.empty() || !takes_samples(variant.estimator)) variants.push_back(variant);
           if (!takes_samples(variant.estimator)) continue;
           for (const uint32_t m : samples) {
@@ -286,6 +302,7 @@ int main(int argc, char** argv) {
     choices.estimator = variant.estimator;
     choices.samples = variant.samples;
     choices.gradients = true;
+    choices.tables = !tables.empty() && variant.estimator == Estimator::kPredicted;
     const auto resolved = resolve(choices, job.queries.face_offsets.size() > 1);
     if (!resolved) fail(resolved.error().text());
     options.push_back(*resolved);
