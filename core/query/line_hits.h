@@ -10,8 +10,9 @@
 // doubled or lost. A bilinear patch is met once, or as often as its boundary winds around the line, modulo
 // two; where, is the quadratic of Reshetov [2019] in the images.
 
-#include <algorithm>
 #include <array>
+#include <cstdint>
+#include <span>
 #include <vector>
 
 #include "base/vector.h"
@@ -23,57 +24,47 @@ template <int D>
 struct LineHit {
   double t;                      // signed distance from the line's origin, along its direction
   uint32_t element;              // of Cage::elements()
+  uint32_t line;                 // of those that were asked for together
   std::array<double, 4> shares;  // of the element's corners; they sum to one
   Vec<D> point;                  // y = sum share_i corner_i
 };
 
-// A line through a point, in both directions.
-template <int D>
-class Line {
- public:
-  using Image = Vec<D - 1>;
-
-  // `direction` has unit length.
-  Line(const Vec<D>& origin, const Vec<D>& direction);
-
-  const Vec<D>& origin() const { return origin_; }
-  const Vec<D>& direction() const { return direction_; }
-  // Where a point appears across the line, which itself is at 0; a sheared, not a perpendicular view.
-  Image image(const Vec<D>& point) const;
-
- private:
-  Vec<D> origin_, direction_;
-  std::array<int, 3> axis_{};  // D = 3: the last is the largest of the direction
-  std::array<double, 2> shear_{};
+// A line, and an element that it may meet.
+struct LineCandidate {
+  uint32_t line, element;
 };
 
-// Writes the hits of an element into `hits` and returns their number: 0 or 1, for a patch up to 2.
+// What some lines through one point meet. Of one thread; keeps its memory.
 template <int D>
-int meet(const Line<D>& line, const Cage<D>& cage, uint32_t element, std::array<LineHit<D>, 2>& hits);
+struct LineHits {
+  std::vector<LineHit<D>> hits;  // in no particular order
+  std::vector<uint32_t> order;   // of hits: by line, ascending in t, at equal t by element; two hits of one patch that
+                                 // are equal in both stay in the order of its roots
+  std::vector<uint32_t> end;     // of every line, in `order`
 
-// Appends the hits of an element with t > from.
+  std::span<const uint32_t> of_line(size_t line) const {
+    const size_t begin = line == 0 ? 0 : end[line - 1];
+    return std::span(order).subspan(begin, end[line] - begin);
+  }
+
+  // Memory of engines: triangles, or all elements, and quads.
+  std::array<std::vector<LineCandidate>, 2> candidates;
+};
+
+// Of a line with a direction of unit length. Writes the hits of an element into `hits` and returns their number: 0 or
+// 1, for a patch up to 2. Many at a time are faster: meet_lanes.h.
 template <int D>
-void append_hits(const Line<D>& line, const Cage<D>& cage, uint32_t element, double from,
-                 std::vector<LineHit<D>>& hits) {
-  std::array<LineHit<D>, 2> found;
-  const int count = meet(line, cage, element, found);
-  for (int i = 0; i < count; ++i)
-    if (const LineHit<D>& hit = found[static_cast<size_t>(i)]; hit.t > from) hits.push_back(hit);
-}
+int meet(const Vec<D>& origin, const Vec<D>& direction, const Cage<D>& cage, uint32_t element,
+         std::array<LineHit<D>, 2>& hits);
+template <>
+int meet(const Vec<2>& origin, const Vec<2>& direction, const Cage<2>& cage, uint32_t element,
+         std::array<LineHit<2>, 2>& hits);
+template <>
+int meet(const Vec<3>& origin, const Vec<3>& direction, const Cage<3>& cage, uint32_t element,
+         std::array<LineHit<3>, 2>& hits);
 
-// Ascending in t, at equal t by element; the two hits of one patch that are equal in both stay in the order of its
-// roots. A line has few.
+// Fills `order` and `end` from the hits of so many lines.
 template <int D>
-void sort_hits(std::vector<LineHit<D>>& hits) {
-  const auto before = [](const LineHit<D>& a, const LineHit<D>& b) {
-    return a.t < b.t || (a.t == b.t && a.element < b.element);
-  };
-  if (hits.size() > 16) return std::stable_sort(hits.begin(), hits.end(), before);
-  for (auto next = hits.begin(); next != hits.end(); ++next)
-    std::rotate(std::upper_bound(hits.begin(), next, *next, before), next, next + 1);
-}
-
-extern template class Line<2>;
-extern template class Line<3>;
+void order_hits(size_t lines, LineHits<D>& hits);
 
 }  // namespace barycast

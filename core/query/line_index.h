@@ -5,33 +5,21 @@
 // and safe to call from any number of threads.
 
 #include <memory>
-#include <vector>
+#include <span>
 
 #include "base/result.h"
 #include "query/line_hits.h"
 
 namespace barycast {
 
-// Lines through one point, for which an engine may prepare itself. Of one thread; refers to its index.
-template <int D>
-class LinePencil {
- public:
-  virtual ~LinePencil() = default;
-
-  virtual void set_origin(const Vec<D>& origin) = 0;
-
-  // All hits of the line in this direction, of unit length, with t > from, ascending in t, at equal t by element.
-  // Replaces what `out` held.
-  virtual void hits(const Vec<D>& direction, double from, std::vector<LineHit<D>>& out) = 0;
-};
-
 template <int D>
 class LineIndex {
  public:
   virtual ~LineIndex() = default;
 
-  // Has no origin yet.
-  virtual std::unique_ptr<LinePencil<D>> pencil() const = 0;
+  // All hits with t > from of lines through one point in these directions, of unit length. Replaces what `out` held.
+  // A line's hits do not depend on the others; some tens together are faster.
+  virtual void hits(const Vec<D>& origin, std::span<const Vec<D>> directions, double from, LineHits<D>& out) const = 0;
 
   virtual size_t bytes() const = 0;
 };

@@ -1,6 +1,7 @@
 #include <bit>
 
 #include "query/line_index.h"
+#include "query/meet_lanes.h"
 #include "query/sweep_lanes.h"
 
 namespace barycast {
@@ -16,7 +17,7 @@ std::array<float, 3> in_floats(const Vec<3>& x) {
 class LineSweep final : public LineIndex<3> {
  public:
   LineSweep(const Cage<3>& cage, std::unique_ptr<const LineIndex<3>> everywhere)
-      : cage_(cage), everywhere_(std::move(everywhere)) {
+      : cage_(cage), everywhere_(std::move(everywhere)), corners_(corners_of(cage)) {
     for (const ElementKind kind : {ElementKind::kTriangle, ElementKind::kQuad}) {
       size_t lane = kSweepLanes;
       for (uint32_t e = 0; e < cage.elements().size(); ++e) {
@@ -33,44 +34,50 @@ class LineSweep final : public LineIndex<3> {
     }
   }
 
-  std::unique_ptr<LinePencil<3>> pencil() const override { return std::make_unique<Pencil>(*this); }
+  void hits(const Vec<3>& origin, std::span<const Vec<3>> directions, double from, LineHits<3>& out) const override {
+    if (origin.squaredNorm() > kSweepReach * kSweepReach) return everywhere_->hits(origin, directions, from, out);
+    out.hits.clear();
+    propose(origin, directions, out.candidates);
+    for (const bool quads : {false, true})
+      meet_candidates(corners_, quads, origin, directions, out.candidates[quads], from, out.hits);
+    order_hits(directions.size(), out);
+  }
 
   size_t bytes() const override {
-    return sizeof(*this) + blocks_.capacity() * sizeof(SweepBlock) + everywhere_->bytes();
+    return sizeof(*this) + blocks_.capacity() * sizeof(SweepBlock) + corners_.capacity() * sizeof(ElementCorners) +
+           everywhere_->bytes();
   }
 
  private:
-  class Pencil final : public LinePencil<3> {
-   public:
-    explicit Pencil(const LineSweep& sweep)
-        : sweep_(sweep), far_(sweep.everywhere_->pencil()), blocks_(sweep.blocks_.size()) {}
-
-    void set_origin(const Vec<3>& origin) override {
-      origin_ = origin;
-      is_far_ = origin.squaredNorm() > kSweepReach * kSweepReach;
-      if (is_far_) return far_->set_origin(origin);
-      for (size_t i = 0; i < blocks_.size(); ++i) prepare_pencil(sweep_.blocks_[i], in_floats(origin), blocks_[i]);
+  // Triangles and quads.
+  void propose(const Vec<3>& origin, std::span<const Vec<3>> directions,
+               std::array<std::vector<LineCandidate>, 2>& candidates) const {
+    for (auto& of_kind : candidates) of_kind.clear();
+    const size_t count = directions.size();
+    thread_local std::vector<float> coordinates;
+    thread_local std::vector<uint16_t> may_meet;
+    coordinates.resize(3 * count);
+    may_meet.resize(count);
+    float *const x = coordinates.data(), *const y = x + count, *const z = y + count;
+    for (size_t i = 0; i < count; ++i) {
+      x[i] = static_cast<float>(directions[i][0]);
+      y[i] = static_cast<float>(directions[i][1]);
+      z[i] = static_cast<float>(directions[i][2]);
     }
-
-    void hits(const Vec<3>& direction, double from, std::vector<LineHit<3>>& out) override {
-      if (is_far_) return far_->hits(direction, from, out);
-      out.clear();
-      const Line<3> line(origin_, direction);
-      const std::array<float, 3> in_float = in_floats(direction);
-      for (size_t i = 0; i < blocks_.size(); ++i)
-        for (uint32_t lanes = may_meet(sweep_.blocks_[i], blocks_[i], in_float); lanes != 0; lanes &= lanes - 1)
-          append_hits(line, sweep_.cage_, sweep_.blocks_[i].element[static_cast<size_t>(std::countr_zero(lanes))], from,
-                      out);
-      sort_hits(out);
+    for (const SweepBlock& block : blocks_) {
+      sweep_lines(block, in_floats(origin), {x, y, z, count}, may_meet.data());
+      std::vector<LineCandidate>& of_kind = candidates[block.quads ? 1 : 0];
+      size_t proposed = of_kind.size();
+      // Room for all of them, and no look at it for each.
+      for (const uint16_t lanes : may_meet) proposed += static_cast<size_t>(std::popcount(lanes));
+      const size_t before = of_kind.size();
+      of_kind.resize(proposed);
+      LineCandidate* next = of_kind.data() + before;
+      for (uint32_t i = 0; i < count; ++i)
+        for (uint32_t lanes = may_meet[i]; lanes != 0; lanes &= lanes - 1)
+          *next++ = {i, block.element[static_cast<size_t>(std::countr_zero(lanes))]};
     }
-
-   private:
-    const LineSweep& sweep_;
-    std::unique_ptr<LinePencil<3>> far_;
-    std::vector<PencilBlock> blocks_;
-    Vec<3> origin_ = Vec<3>::Zero();
-    bool is_far_ = false;
-  };
+  }
 
   void set(SweepBlock& block, size_t lane, uint32_t e) const {
     const Element& element = cage_.elements()[e];
@@ -83,6 +90,7 @@ class LineSweep final : public LineIndex<3> {
 
   const Cage<3>& cage_;
   std::unique_ptr<const LineIndex<3>> everywhere_;
+  std::vector<ElementCorners> corners_;
   std::vector<SweepBlock> blocks_;
 };
 

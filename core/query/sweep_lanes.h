@@ -5,7 +5,8 @@
 //
 // Seen from the point, an edge from a to b spans a plane with the normal a x b, and a line passes it on the side that
 // its direction has. It meets a triangle if it passes all three edges on the same side, forwards or backwards; and a
-// bilinear patch only if it meets one of the four triangles of its corners, whose hull the patch lies in.
+// bilinear patch only if it meets one of the four triangles of its corners, whose hull the patch lies in. Three of them
+// will do: what lies in the hull is covered twice.
 
 #include <array>
 #include <cstddef>
@@ -24,17 +25,15 @@ struct alignas(64) SweepBlock {
   bool quads;
 };
 
-// The same from one point: the normals of the planes of three edges, or of a quad's four and both diagonals; and what
-// the product of one of them with a direction may be off by.
-struct alignas(64) PencilBlock {
-  std::array<std::array<SweepLanes, 3>, 6> normal;
-  SweepLanes margin;
+// Directions of lines, of unit length, an array for each coordinate.
+struct SweepDirections {
+  const float *x, *y, *z;
+  size_t count;
 };
 
-// For points within two diagonals of the origin.
-void prepare_pencil(const SweepBlock& block, const std::array<float, 3>& point, PencilBlock& out);
-
-// A bit for every element that the line with this direction, of unit length, may meet.
-uint32_t may_meet(const SweepBlock& block, const PencilBlock& pencil, const std::array<float, 3>& direction);
+// Of every line through the point, which lies within two diagonals of the origin, a bit for every element that it may
+// meet.
+void sweep_lines(const SweepBlock& block, const std::array<float, 3>& point, const SweepDirections& directions,
+                 uint16_t* may_meet);
 
 }  // namespace barycast

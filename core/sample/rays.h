@@ -11,6 +11,7 @@
 
 #include <atomic>
 #include <span>
+#include <vector>
 
 #include "base/random.h"
 #include "query/line_index.h"
@@ -37,16 +38,27 @@ class RaySamples {
               std::span<SampleSet<D>> out) const;
 
  private:
-  bool sample_lattice(LinePencil<D>& lines, const Vec<D>& origin, const QueryRandom& random,
-                      const std::atomic<bool>& cancel, SampleSet<D>& out) const;
-  bool sample_as_printed(LinePencil<D>& lines, const Vec<D>& origin, const QueryRandom& random,
-                         const std::atomic<bool>& cancel, SampleSet<D>& out) const;
+  // Memory that queries share.
+  struct Workspace {
+    std::vector<Vec<D>> directions;
+    LineHits<D> hits;
+  };
+
+  bool sample_lattice(const Vec<D>& origin, const QueryRandom& random, const std::atomic<bool>& cancel,
+                      Workspace& workspace, SampleSet<D>& out) const;
+  bool sample_as_printed(const Vec<D>& origin, const QueryRandom& random, const std::atomic<bool>& cancel,
+                         Workspace& workspace, SampleSet<D>& out) const;
+  // The hits of one ray, in the order outwards.
   template <class Iterator>
-  void add_ray(const Vec<D>& origin, Iterator nearest, Iterator end, SampleSet<D>& out) const;
+  void add_ray(const Vec<D>& origin, const LineHits<D>& hits, Iterator nearest, Iterator end, SampleSet<D>& out) const;
+  // The lattice's lines, before any rotation.
+  uint32_t line_count() const { return (settings_.rays + 1) / 2; }
+  Vec<D> lattice_direction(uint32_t line) const;
 
   const LineIndex<D>& lines_;
   RaySettings settings_;
   Vec<D> box_low_, box_high_;
+  std::vector<Vec<D>> lattice_;  // the first of its directions
 };
 
 extern template class RaySamples<2>;

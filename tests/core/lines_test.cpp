@@ -22,12 +22,17 @@ const CageStructures<3>& structures_of(const CageIndex& index) {
   return *std::get<std::unique_ptr<const CageStructures<3>>>(index.structures());
 }
 
+template <int D>
+struct Line {
+  Vec<D> origin, direction;
+};
+
 // Every element tried, in the order that the index promises.
 std::vector<LineHit<3>> by_force(const Cage<3>& cage, const Line<3>& line, double from) {
   std::vector<LineHit<3>> all;
   std::array<LineHit<3>, 2> found;
   for (uint32_t e = 0; e < cage.elements().size(); ++e) {
-    const int count = meet(line, cage, e, found);
+    const int count = meet(line.origin, line.direction, cage, e, found);
     for (int i = 0; i < count; ++i)
       if (found[static_cast<size_t>(i)].t > from) all.push_back(found[static_cast<size_t>(i)]);
   }
@@ -90,11 +95,13 @@ const std::vector<Case>& closed_cages() {
   return cases;
 }
 
+// In order.
 template <int D>
 void hits_of(const LineIndex<D>& lines, const Line<D>& line, double from, std::vector<LineHit<D>>& out) {
-  const std::unique_ptr<LinePencil<D>> pencil = lines.pencil();
-  pencil->set_origin(line.origin());
-  pencil->hits(line.direction(), from, out);
+  LineHits<D> hits;
+  lines.hits(line.origin, {&line.direction, 1}, from, hits);
+  out.clear();
+  for (const uint32_t hit : hits.of_line(0)) out.push_back(hits.hits[hit]);
 }
 
 // The line from an origin through a target.
@@ -138,8 +145,8 @@ TEST(Lines, CountDepthAsTheWindingNumberDoes) {
         ASSERT_EQ(hits.size() % 2 == 1, inside)
             << c.name << " from " << origin.transpose() << " at " << target.transpose();
         for (const LineHit<3>& hit : hits) {
-          EXPECT_NEAR((hit.point - origin).cross(line.direction()).norm(), 0.0, 1e-9 * (1 + origin.norm()));
-          EXPECT_NEAR((hit.point - origin).dot(line.direction()), hit.t, 1e-12 * (1 + origin.norm()));
+          EXPECT_NEAR((hit.point - origin).cross(line.direction).norm(), 0.0, 1e-9 * (1 + origin.norm()));
+          EXPECT_NEAR((hit.point - origin).dot(line.direction), hit.t, 1e-12 * (1 + origin.norm()));
           double share_sum = 0.0;
           for (const double share : hit.shares) {
             EXPECT_GE(share, 0.0);
@@ -151,7 +158,7 @@ TEST(Lines, CountDepthAsTheWindingNumberDoes) {
         for (size_t i = 0; i + 1 < hits.size(); ++i) {
           const Element& element = structures.cage.elements()[hits[i].element];
           const Vec<3> normal = element_normal(structures.cage, element, hits[i].shares);
-          const double across = structures.cage.orientation() * normal.dot(line.direction());
+          const double across = structures.cage.orientation() * normal.dot(line.direction);
           if (std::abs(across) < 1e-6) break;  // along a face: the normal does not say
           depth += across < 0 ? 1 : -1;
           const Vec<3> middle = (hits[i].point + hits[i + 1].point) / 2;
@@ -238,7 +245,7 @@ TEST(Lines, MeetAFoldedPatchTwiceOrNever) {
     // Across a diagonal of the saddle, near its ridge.
     const Vec<3> from = structures.cage.frame().to_normalized({-1, -1, height});
     const Vec<3> to = structures.cage.frame().to_normalized({2, 2, height});
-    const int count = meet(Line<3>(from, (to - from).normalized()), structures.cage, quad, found);
+    const int count = meet<3>(from, (to - from).normalized(), structures.cage, quad, found);
     EXPECT_NE(count, 1) << height;
     if (count == 2) {
       ++twice;

@@ -117,22 +117,15 @@ TEST(MeanValue, ErrorFallsWithTheNumberOfRays) {
 // Meets nothing, and remembers the directions of lines.
 class Recorder final : public LineIndex<3> {
  public:
-  std::unique_ptr<LinePencil<3>> pencil() const override { return std::make_unique<Pencil>(*this); }
+  void hits(const Vec<3>&, std::span<const Vec<3>> directions, double, LineHits<3>& out) const override {
+    out = {};
+    out.end.assign(directions.size(), 0);
+    for (const Vec<3>& direction : directions) second += direction * direction.transpose();
+    count += directions.size();
+  }
   size_t bytes() const override { return 0; }
   mutable Mat<3> second = Mat<3>::Zero();
   mutable size_t count = 0;
-
- private:
-  struct Pencil final : LinePencil<3> {
-    explicit Pencil(const Recorder& of) : recorder(of) {}
-    void set_origin(const Vec<3>&) override {}
-    void hits(const Vec<3>& direction, double, std::vector<LineHit<3>>& out) override {
-      out.clear();
-      recorder.second += direction * direction.transpose();
-      ++recorder.count;
-    }
-    const Recorder& recorder;
-  };
 };
 
 // The lattice is rotated uniformly, so that the mean over queries prefers no axis, however few its lines: the
