@@ -25,6 +25,9 @@ ErrorRate error_rate(const ResolvedOptions& options) {
   return options.coordinates == CoordinateKind::kHarmonic ? ErrorRate::kSquareRoot : ErrorRate::kLinear;
 }
 
+// Whether a cage is closed saves a point a microsecond, and takes about that for every element.
+constexpr size_t kPointsPerElementToAsk = 4;
+
 template <int D>
 class BindingOf final : public Binding {
  public:
@@ -39,7 +42,9 @@ class BindingOf final : public Binding {
                    {.thickness = settings.options.thickness,
                     .seed = settings.options.seed,
                     .pseudo_samples = settings.options.preset == Preset::kPaper ? PseudoSamples::kWhenSingular
-                                                                                : PseudoSamples::kAlways}),
+                                                                                : PseudoSamples::kAlways,
+                    .closed = queries_.points.size() > kPointsPerElementToAsk * cage_.elements().size() &&
+                              index_->is_closed()}),
         finisher_(cage_, {.prune_below = settings.options.prune_below,
                           .gradients = settings.options.gradients,
                           .influences_max = settings.options.influences_max}),

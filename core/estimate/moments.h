@@ -52,9 +52,8 @@ class MomentAccumulator {
 
  private:
   const Cage<D>& cage_;
-  std::vector<Vec<D + 1>> by_vertex_;
-  std::vector<uint64_t> touched_;  // a bit for every control vertex
-  std::vector<VertexWeight> basis_;
+  std::vector<Eigen::Vector4d> by_vertex_;  // in the plane three of them
+  std::vector<uint8_t> touched_;  // of every control vertex, 0 or 1, and some more; a bit would wait for the last one
 };
 
 extern template class MomentAccumulator<2>;

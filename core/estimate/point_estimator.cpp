@@ -6,7 +6,7 @@ namespace barycast {
 template <int D>
 PointEstimator<D>::PointEstimator(const Cage<D>& cage, const DistanceIndex<D>& distance,
                                   const WindingNumber<D>& winding, Sampler<D> sampler, const Settings& settings)
-    : locator_(cage, distance, winding, settings.thickness),
+    : locator_(cage, distance, winding, settings.thickness, settings.closed),
       sampler_(std::move(sampler)),
       settings_(settings),
       projection_(cage) {}
@@ -17,8 +17,10 @@ void PointEstimator<D>::project(const Vec<D>& x, const SampleSet<D>& set, Worksp
   const std::vector<Sample<D>>& samples = set.samples;
   workspace.accumulator.accumulate(samples, Weights::kAsGiven, workspace.moments);
   if (!workspace.moments.is_signed) return projection_.project(workspace.moments, settings_.pseudo_samples, out);
-  const auto amplification = projection_.amplification(workspace.moments, x);
   const bool paper = settings_.pseudo_samples == PseudoSamples::kWhenSingular;
+  if (!paper && projection_.amplify_less(workspace.moments, kSignedAmplificationMax))
+    return projection_.project(workspace.moments, PseudoSamples::kNever, out);
+  const auto amplification = projection_.amplification(workspace.moments, x);
   const bool stable = amplification.anywhere <= kSignedAmplificationMaxAnywhere;
   const bool quiet = paper || amplification.at_query <= kSignedAmplificationMax;
   // Pseudo-samples would outweigh what is left of sums of either sign.

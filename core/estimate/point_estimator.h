@@ -33,6 +33,7 @@ class PointEstimator {
     double thickness;
     uint64_t seed;
     PseudoSamples pseudo_samples;  // for positive weights
+    bool closed = false;           // whether the cage is known to bound a volume: saves time
   };
   PointEstimator(const Cage<D>& cage, const DistanceIndex<D>& distance, const WindingNumber<D>& winding,
                  Sampler<D> sampler, const Settings& settings);

@@ -65,14 +65,25 @@ void Projection<D>::project(const Moments<D>& moments, PseudoSamples policy, Pro
 }
 
 template <int D>
+Mat<D + 1> Projection<D>::magnitude(const Moments<D>& moments, const Mat<D + 1>& local) const {
+  return moments.second - 2 * moments.negative + pseudo_weight(moments) * (local * vertex_second_ * local.transpose());
+}
+
+// Of A^-1/2 M A^-1/2 no eigenvalue is larger than 1, so that the least is no less than their product.
+template <int D>
+bool Projection<D>::amplify_less(const Moments<D>& moments, double limit) const {
+  const double whole = magnitude(moments, to_local(moments)).determinant();
+  constexpr double kSurely = 1.01;  // rounding is far less, for moments are scaled to their spread
+  return whole > 0.0 && std::abs(moments.second.determinant()) * limit > kSurely * whole;
+}
+
+template <int D>
 typename Projection<D>::Amplification Projection<D>::amplification(const Moments<D>& moments, const Vec<D>& x) const {
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   const Mat<D + 1> local = to_local(moments);
-  // A = sum |w| y y^T, with pseudo-samples, so that it can be inverted. Where it is the identity the fits of
-  // positive weights have unit variance in every direction, and those of signed ones that of M^-1.
-  const Mat<D + 1> magnitude =
-      moments.second - 2 * moments.negative + pseudo_weight(moments) * (local * vertex_second_ * local.transpose());
-  const Eigen::LLT<Mat<D + 1>> root(magnitude);
+  // A = sum |w| y y^T. Where it is the identity the fits of positive weights have unit variance in every direction,
+  // and those of signed ones that of M^-1.
+  const Eigen::LLT<Mat<D + 1>> root(magnitude(moments, local));
   if (root.info() != Eigen::Success) return {kInfinity, kInfinity};
   Mat<D + 1> whitened = root.matrixL().solve(moments.second);
   whitened = root.matrixL().solve(Mat<D + 1>(whitened.transpose()));

@@ -21,12 +21,23 @@ class Scatter {
     mean_ += from_old / count_;
     scatter_ += from_old * (x - mean_).transpose();
   }
+  // Whether the scatter in every direction is `least` or more.
+  bool spans(double least) const {
+    // Of three eigenvalues, two have no larger product than the square of half of the sum. Most sets are so far from
+    // flat that this decides.
+    const double half = 0.5 * scatter_.trace();
+    const double sum_of_others = D == 3 ? half * half : scatter_.trace();
+    if (scatter_.determinant() > kSurely * least * sum_of_others) return true;
+    return smallest() >= least;
+  }
+
+ private:
+  static constexpr double kSurely = 1.000001;
   double smallest() const {
     // By iteration, not by Eigen's closed form: its sines and cosines come from the system's library.
     return Eigen::SelfAdjointEigenSolver<Mat<D>>(scatter_, Eigen::EigenvaluesOnly).eigenvalues()[0];
   }
 
- private:
   double count_ = 0.0;
   Vec<D> mean_ = Vec<D>::Zero();
   Mat<D> scatter_ = Mat<D>::Zero();
@@ -138,20 +149,20 @@ void RowFinisher<D>::prune(std::vector<RowEntry<D>>& row) const {
     if (!spans) scatter.add(whitened_[entry.vertex]);
     std::swap(row[kept++], entry);  // to the front, in order
     if (spans || kept < next_look) continue;
-    spans = scatter.smallest() >= kKeptSpanMin;
+    spans = scatter.spans(kKeptSpanMin);
     next_look *= 2;
   }
-  if (spans || scatter.smallest() >= kKeptSpanMin) return row.resize(kept);
+  if (spans || scatter.spans(kKeptSpanMin)) return row.resize(kept);
   std::sort(row.begin() + static_cast<std::ptrdiff_t>(kept), row.end(), [](const RowEntry<D>& a, const RowEntry<D>& b) {
     const double of_a = std::abs(a.value), of_b = std::abs(b.value);
     return of_a > of_b || (of_a == of_b && a.vertex < b.vertex);
   });
   // Below this the order is one of rounding errors, and explicit zeros say as much.
   const double negligible = 1e-3 * settings_.prune_below;
-  while (kept < row.size() && std::abs(row[kept].value) > negligible && scatter.smallest() < kKeptSpanMin)
+  while (kept < row.size() && std::abs(row[kept].value) > negligible && !scatter.spans(kKeptSpanMin))
     scatter.add(whitened_[row[kept++].vertex]);
   row.resize(kept);
-  if (scatter.smallest() < kKeptSpanMin)
+  if (!scatter.spans(kKeptSpanMin))
     for (const uint32_t v : simplex_)
       if (std::none_of(row.begin(), row.end(), [&](const RowEntry<D>& entry) { return entry.vertex == v; }))
         row.push_back({v, 0.0, Vec<D>::Zero()});
