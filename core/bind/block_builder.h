@@ -64,7 +64,7 @@ class BlockBuilder {
         [&](size_t begin, size_t end) {
           return body(first_row + begin, std::span(rows_).subspan(begin % batch, end - begin));
         },
-        [&](size_t begin, size_t end) { pack(end - begin, summary); });
+        [&](size_t begin, size_t end) { pack(end - begin, points - next_row_, summary); });
     if (!complete) return Binding::Step::kCancelled;
     if (count < room && next_row_ < points) return Binding::Step::kWorking;
     block = std::exchange(block_, {});
@@ -74,13 +74,16 @@ class BlockBuilder {
   uint64_t next_row() const { return next_row_; }
 
  private:
-  // Appends the first of rows_, which are from next_row_ on, to the block, and clears them.
-  void pack(size_t count, BindingSummary& summary);
+  // Appends the first of rows_, which are from next_row_ on, to the block, and clears them. rows_left: to the end of
+  // all, with them.
+  void pack(size_t count, uint64_t rows_left, BindingSummary& summary);
+  void append(const std::vector<RowEntry<D>>& entries);
 
   const BindingSettings& settings_;
   const double diagonal_;
   uint64_t next_row_ = settings_.first_row;
   RowBlock block_;
+  size_t entries_held_ = 0, gradients_held_ = 0;  // what the block, or the last one, has room for
   std::vector<FinishedRow<D>> rows_;
 };
 
