@@ -113,8 +113,9 @@ class Model {
     const double faces = static_cast<double>(size_.faces), corners = static_cast<double>(size_.face_corners);
     const double input = points_ * kPosition + 4.0 * (faces + corners);
     const double mesh = faces > 0 ? grown(points_) * sizeof(Vec<3>) + 4.0 * faces + 4.0 * grown(corners) : 0.0;
-    // While positions are looked up: their names' nodes and buckets, and the slack of the list of nodes.
-    const double names = points_ * 40.0 + (grown(points_) - points_) * kPosition;
+    // While positions are looked up: their names and the table of those, and the slack of the list of nodes.
+    const auto slots = static_cast<double>(std::bit_ceil(2 * std::max<uint64_t>(1, size_.points)));
+    const double names = points_ * sizeof(uint64_t) + slots * sizeof(uint32_t) + (grown(points_) - points_) * kPosition;
     if (options_.estimator == Estimator::kPredicted) return predicted_peak(input, set, mesh, names);
     if (options_.estimator != Estimator::kSampling)
       return constant() +

@@ -1,8 +1,10 @@
 #include "bind/query_set.h"
 
+#include <bit>
 #include <cmath>
+#include <limits>
 #include <string>
-#include <unordered_map>
+#include <vector>
 
 #include "base/cancel.h"
 #include "base/parallel.h"
@@ -60,6 +62,34 @@ Status check_faces(const QueryInput& input, size_t point_count, const std::atomi
   return Done{};
 }
 
+// Distinct positions in order of first appearance, found by their names in a table that is at most half full. False:
+// `cancel` was seen set.
+template <int D>
+bool find_nodes(QuerySet<D>& set, const std::atomic<bool>& cancel) {
+  const size_t count = set.points.size();
+  std::vector<uint64_t> names(count);
+  parallel_for(count, 1024, [&](size_t begin, size_t end) {
+    for (size_t i = begin; i < end && !cancel; ++i) names[i] = position_key<D>(set.points[i]);
+  });
+  constexpr auto kFree = std::numeric_limits<uint32_t>::max();
+  std::vector<uint32_t> first_point(std::bit_ceil(2 * count), kFree);
+  set.node_of_point.resize(count);
+  for (size_t i = 0; i < count; ++i) {
+    if (is_cancelled(i, cancel)) return false;
+    size_t slot = names[i] & (first_point.size() - 1);
+    while (first_point[slot] != kFree && set.points[first_point[slot]] != set.points[i])
+      slot = (slot + 1) & (first_point.size() - 1);
+    if (first_point[slot] == kFree) {
+      first_point[slot] = static_cast<uint32_t>(i);
+      set.node_of_point[i] = static_cast<uint32_t>(set.nodes.size());
+      set.nodes.push_back(set.points[i]);
+    } else {
+      set.node_of_point[i] = set.node_of_point[first_point[slot]];
+    }
+  }
+  return true;
+}
+
 }  // namespace
 
 template <int D>
@@ -71,19 +101,7 @@ Result<QuerySet<D>> QuerySet<D>::create(const QueryInput& input, const Frame<D>&
   set.points = std::move(points).value();
   if (auto status = check_faces(input, set.points.size(), cancel); !status) return status.error();
 
-  // Distinct positions in order of first appearance, found by their 64-bit names; a clash of names of
-  // different positions only leaves two nodes where one would do.
-  std::unordered_map<uint64_t, uint32_t> node_of_key;
-  node_of_key.reserve(set.points.size());
-  set.node_of_point.reserve(set.points.size());
-  for (const Vec<D>& x : set.points) {
-    if (is_cancelled(set.node_of_point.size(), cancel)) return cancelled();
-    auto next = static_cast<uint32_t>(set.nodes.size());
-    const auto [found, is_new] = node_of_key.try_emplace(position_key<D>(x), next);
-    if (!is_new && set.nodes[found->second] == x) next = found->second;
-    if (next == set.nodes.size()) set.nodes.push_back(x);
-    set.node_of_point.push_back(next);
-  }
+  if (!find_nodes(set, cancel)) return cancelled();
   if (const size_t repeated = set.points.size() - set.nodes.size(); repeated > 0)
     set.warnings.push_back(
         {"points", std::to_string(repeated) + " query points coincide with others and get the same rows"});
