@@ -25,9 +25,6 @@ ErrorRate error_rate(const ResolvedOptions& options) {
   return options.coordinates == CoordinateKind::kHarmonic ? ErrorRate::kSquareRoot : ErrorRate::kLinear;
 }
 
-// Whether a cage is closed saves a point a microsecond, and takes about that for every element.
-constexpr size_t kPointsPerElementToAsk = 4;
-
 template <int D>
 class BindingOf final : public Binding {
  public:
@@ -43,8 +40,7 @@ class BindingOf final : public Binding {
                     .seed = settings.options.seed,
                     .pseudo_samples = settings.options.preset == Preset::kPaper ? PseudoSamples::kWhenSingular
                                                                                 : PseudoSamples::kAlways,
-                    .closed = queries_.points.size() > kPointsPerElementToAsk * cage_.elements().size() &&
-                              index_->is_closed()}),
+                    .closed = structures.is_closed()}),
         finisher_(cage_, {.prune_below = settings.options.prune_below,
                           .gradients = settings.options.gradients,
                           .influences_max = settings.options.influences_max}),

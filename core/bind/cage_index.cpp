@@ -77,7 +77,7 @@ void CageStructures<D>::prepare(const ResolvedOptions& options, std::function<vo
       if (options.estimator == Estimator::kPredicted)
         ready = [this, with_tables = options.tables, then = std::move(ready)](const Status& built) {
           if (!built) return then(built);
-          if (!is_closed(cage)) return prepare_prediction(*this, BoundarySides::kElsewhere, then);
+          if (!is_closed()) return prepare_prediction(*this, BoundarySides::kElsewhere, then);
           prepare_prediction(*this, BoundarySides::kInside, [this, with_tables, then](const Status& predicted) {
             if (!predicted || !with_tables) return then(predicted);
             tables.prepare(
@@ -107,6 +107,12 @@ void prepare_prediction(const CageStructures<3>& structures, BoundarySides side,
 template <int D>
 const DistanceIndex<D>& CageStructures<D>::closest_points(const ResolvedOptions& options) const {
   return options.coordinates == CoordinateKind::kHarmonic ? *walks : *elements;
+}
+
+template <int D>
+bool CageStructures<D>::is_closed() const {
+  std::call_once(closed_found_, [&] { closed_ = is_closed_of(cage); });
+  return closed_;
 }
 
 template <int D>
@@ -228,7 +234,7 @@ uint64_t CageIndex::surface_triangles() const {
 }
 
 bool CageIndex::is_closed() const {
-  return std::visit([](const auto& s) { return is_closed_of(s->cage); }, structures_);
+  return std::visit([](const auto& s) { return s->is_closed(); }, structures_);
 }
 
 Result<bool> CageIndex::is_closed(const CageInput& input) {

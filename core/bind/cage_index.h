@@ -9,6 +9,7 @@
 #include <cstddef>
 #include <functional>
 #include <memory>
+#include <mutex>
 #include <span>
 #include <variant>
 #include <vector>
@@ -46,6 +47,9 @@ struct CageStructures {
   // Closest points of queries: after `prepare`, from the same engine whatever else has been built.
   const DistanceIndex<D>& closest_points(const ResolvedOptions& options) const;
   size_t bytes() const;
+  // Whether the elements bound a volume (solve/closed.h); in the plane nobody asks. Found when first asked for:
+  // microseconds for each of them.
+  bool is_closed() const;
 
   const Cage<D> cage;
   const DistanceEngine engine;
@@ -56,6 +60,10 @@ struct CageStructures {
   // Of harmonic coordinates, in space: inside a closed cage, and elsewhere.
   Lazy<HarmonicPrediction> inside, elsewhere;
   Lazy<BallTables> tables;  // of corrections inside a closed cage; they fill as points ask
+
+ private:
+  mutable std::once_flag closed_found_;
+  mutable bool closed_ = false;
 };
 
 // Builds one of the predictions; `walks` is there. As CageIndex::prepare.
@@ -91,7 +99,6 @@ class CageIndex {
   uint32_t stencil_max() const;
   size_t element_count() const;
   uint64_t surface_triangles() const;  // as the function of cage.h
-  // Whether the elements bound a volume (solve/closed.h). Not kept: microseconds for each of them.
   bool is_closed() const;
   // The same of a cage without its index. Errors: those of `check`.
   static Result<bool> is_closed(const CageInput& input);

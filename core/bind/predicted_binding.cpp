@@ -9,7 +9,6 @@
 #include "bind/quantum.h"
 #include "estimate/corrected_estimator.h"
 #include "smooth/strength.h"
-#include "solve/closed.h"
 
 namespace barycast {
 namespace {
@@ -32,7 +31,8 @@ class PredictedBinding final : public Binding {
                    settings.options.tables ? structures.tables.get() : nullptr,
                    {.thickness = settings.options.thickness,
                     .seed = settings.options.seed,
-                    .gradients = settings.options.gradients}),
+                    .gradients = settings.options.gradients,
+                    .closed = structures.is_closed()}),
         finisher_(cage_, {.prune_below = settings.options.prune_below,
                           .gradients = settings.options.gradients,
                           .influences_max = settings.options.influences_max}),
@@ -260,7 +260,7 @@ Result<std::unique_ptr<Binding>> create_predicted_binding(std::shared_ptr<const 
                                                           const std::atomic<bool>& cancel) {
   // What is inside a closed cage was prepared with it; whether points are elsewhere the cage cannot know.
   const BallTables* const tables = settings.options.tables ? structures.tables.get() : nullptr;
-  if (is_closed(structures.cage) &&
+  if (structures.is_closed() &&
       !all_start_inside(structures, tables, queries.points, settings.options.thickness, cancel)) {
     if (cancel) return Error{ErrorCode::kCancelled, "", "the request was cancelled"};
     const Status built = wait_for([&](std::function<void(Status)> then) {

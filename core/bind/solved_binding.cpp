@@ -7,7 +7,6 @@
 #include "estimate/row.h"
 #include "query/winding.h"
 #include "solve/boundary_elements.h"
-#include "solve/closed.h"
 #include "solve/exact_mean_value.h"
 
 namespace barycast {
@@ -126,7 +125,7 @@ Result<std::unique_ptr<Binding>> create_solved_binding(std::shared_ptr<const Cag
     if (!exact) return exact.error();
     solution = std::move(*exact);
   } else {
-    const bool moments = !is_closed(structures.cage) || !all_inside(*structures.winding, queries.points, cancel);
+    const bool moments = !structures.is_closed() || !all_inside(*structures.winding, queries.points, cancel);
     if (cancel) return Error{ErrorCode::kCancelled, "", "the request was cancelled"};
     auto created = BoundarySolver::create(
         structures.cage,

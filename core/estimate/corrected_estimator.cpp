@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <numeric>
 
-#include "solve/closed.h"
 #include "solve/moment_field.h"
 
 namespace barycast {
@@ -40,8 +39,7 @@ CorrectedEstimator::CorrectedEstimator(const Cage<3>& cage, const DistanceIndex<
                                        const HarmonicPrediction* inside, const HarmonicPrediction* elsewhere,
                                        const BallTables* tables, const Settings& settings)
     : cage_(cage),
-      is_closed_(is_closed(cage)),
-      locator_(cage, distance, winding, settings.thickness, is_closed_),
+      locator_(cage, distance, winding, settings.thickness, settings.closed),
       walks_(walks),
       inside_(inside),
       elsewhere_(elsewhere),
@@ -95,7 +93,7 @@ bool CorrectedEstimator::correct_once(std::span<const Vec<3>> points, uint64_t s
   for (size_t i = 0; i < points.size(); ++i) {
     CorrectedPoint& place = places[i];
     place.origin = workspace.queries[i].origin;
-    place.elsewhere = !is_closed_ || starts_outside(place, place.origin, locator_.winding());
+    place.elsewhere = !settings_.closed || starts_outside(place, place.origin, locator_.winding());
     any_elsewhere |= place.elsewhere;
   }
   if (!walk(places, cancel, workspace)) return false;

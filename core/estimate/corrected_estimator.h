@@ -46,6 +46,7 @@ class CorrectedEstimator {
     double thickness;
     uint64_t seed;
     bool gradients;  // corrections have them
+    bool closed;     // the cage bounds a volume
   };
   // Predictions may be null where no point needs them: those of closed cages whose samples start inside, and all
   // others. Without tables all points walk.
@@ -129,7 +130,6 @@ class CorrectedEstimator {
   void correct_moments(std::span<CorrectedPoint> points, Workspace& workspace, std::span<float> corrections) const;
 
   const Cage<3>& cage_;
-  bool is_closed_;
   Locator<3> locator_;
   HarmonicWalks<3> walks_;
   const HarmonicPrediction *inside_, *elsewhere_;

@@ -49,10 +49,11 @@ class Corrected {
   };
   // Of points in the cage's units; columns are those of the control vertices, all of which are used.
   Rows operator()(const std::vector<double>& points, uint64_t seed) const {
-    const CorrectedEstimator estimator(structures_.cage, *structures_.walks, *structures_.winding,
-                                       HarmonicWalks<3>(*structures_.walks, {.walks = walks_, .thickness = thickness_}),
-                                       inside_.get(), elsewhere_.get(), nullptr,
-                                       {.thickness = thickness_, .seed = seed, .gradients = true});
+    const CorrectedEstimator estimator(
+        structures_.cage, *structures_.walks, *structures_.winding,
+        HarmonicWalks<3>(*structures_.walks, {.walks = walks_, .thickness = thickness_}), inside_.get(),
+        elsewhere_.get(), nullptr,
+        {.thickness = thickness_, .seed = seed, .gradients = true, .closed = structures_.is_closed()});
     std::vector<Vec<3>> normalized;
     for (size_t i = 0; i < points.size(); i += 3)
       normalized.push_back(structures_.cage.frame().to_normalized(Eigen::Map<const Vec<3>>(&points[i])));
