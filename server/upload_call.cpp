@@ -134,6 +134,14 @@ class UploadCall final : public grpc::ServerReadReactor<v1::UploadCageRequest> {
   }
 
   void answer() {
+    if (fill_tables_ && !state_.cages.contains(index_->digest())) {
+      return conclude({{ErrorCode::kResourceExhausted, "fill_tables",
+                        fmt::format("with its tables the cage's {} bytes found no place in this server's cache; leave "
+                                    "this out",
+                                    index_->bytes())},
+                       {},
+                       {}});
+    }
     if (!state_.cages.contains(index_->digest())) {
       return conclude({{ErrorCode::kResourceExhausted, "cage",
                         fmt::format("its {} bytes of acceleration structures found no place in this server's cache; "

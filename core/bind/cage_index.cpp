@@ -37,11 +37,13 @@ Status check_tables_of(const Cage<3>& cage) {
   if (const Status fits = HarmonicPrediction::check(cage.surface_triangles(), cage.control_vertex_count()); !fits)
     return invalid_argument("tables", fits.error().message);
   if (is_closed(cage)) return Done{};
-  return invalid_argument("tables", "only the inside of a closed cage has tables, and this one is open");
+  return invalid_argument("tables",
+                          "only the inside of a closed cage has tables; this one is open, or its faces do not all "
+                          "face one way");
 }
 
 bool is_closed_of(const Cage<2>&) {
-  return true;  // nobody asks
+  return false;  // not known
 }
 bool is_closed_of(const Cage<3>& cage) {
   return is_closed(cage);

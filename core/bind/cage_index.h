@@ -47,8 +47,8 @@ struct CageStructures {
   // Closest points of queries: after `prepare`, from the same engine whatever else has been built.
   const DistanceIndex<D>& closest_points(const ResolvedOptions& options) const;
   size_t bytes() const;
-  // Whether the elements bound a volume (solve/closed.h); in the plane nobody asks. Found when first asked for:
-  // microseconds for each of them.
+  // Whether the elements bound a volume (solve/closed.h); false in the plane, where it is not known. Found when first
+  // asked for: microseconds for each of them.
   bool is_closed() const;
 
   const Cage<D> cage;
@@ -118,7 +118,7 @@ class CageIndex {
 
   // Fills tables ahead of the points that will ask for them: after `prepare` with options that say so, on the threads
   // of the calling arena; all of them, as many as may be kept, `tables_max`, or those that `cancel` left time for.
-  // Returns how many it made. A tenth of a millisecond each; some thousands of them fill a cage.
+  // Returns how many it made. Some tenths of a millisecond each; some thousands of them fill a cage.
   size_t fill_tables(size_t tables_max, const std::atomic<bool>& cancel) const;
   // The same in pieces, to let other work pass between them: the places of tables that are not there and may be kept,
   // valid as long as the index, and the tables of some of them.

@@ -74,9 +74,18 @@ Result<ResolvedOptions> resolve(const Options& options, bool queries_have_faces)
   if (predicted && estimator != best)
     return invalid_argument("estimator", paper ? "the paper's preset predicts nothing; leave one out"
                                                : "only harmonic coordinates are predicted");
+  if (options.tables && best != Estimator::kPredicted)
+    return invalid_argument("tables", paper ? "tables hold the corrections of a prediction, and the paper's preset "
+                                              "predicts nothing; leave them out"
+                                            : "tables hold the corrections of a prediction, and only harmonic "
+                                              "coordinates are predicted; leave them out");
   if (options.tables && !predicted)
     return invalid_argument("tables",
                             "tables hold the corrections of a prediction; choose that estimator or leave them out");
+  if (options.tables && options.target_error)
+    return invalid_argument("tables",
+                            "what noise tables have nobody knows, so that no target is met by them; leave "
+                            "them or target_error out");
   if (const Status fits = sampling ? Status(Done{}) : check_solved(options, estimator); !fits) return fits.error();
   // What only a prediction can do is a choice of it; and leaves no noise to a mesh.
   const bool settled = options.tables || options.target_error, by_default = !options.estimator && !settled;

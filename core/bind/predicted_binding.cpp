@@ -41,6 +41,10 @@ class PredictedBinding final : public Binding {
         tasks_([] { return Task(); }) {
     summary_.warnings.assign(cage_.warnings().begin(), cage_.warnings().end());
     summary_.warnings.insert(summary_.warnings.end(), queries_.warnings.begin(), queries_.warnings.end());
+    if (settings.options.tables && !structures.is_closed())
+      summary_.warnings.push_back({"tables",
+                                   "the cage has none, for it is open, or its faces do not all face one way; all "
+                                   "points walked"});
     if (smoothed()) {
       places_.resize(queries_.nodes.size());
       corrections_.resize(queries_.nodes.size() * estimator_.row_size());

@@ -5,7 +5,7 @@
 // A cover of the cage by such balls (estimate/ball_cover.h) serves all points that are not close to the cage.
 //
 // Tables depend on the cage alone, not on the points, the request or its seed: which are there already, and whether one
-// could be kept, changes no bit. They are built where points first ask for them, in about a tenth of a millisecond
+// could be kept, changes no bit. They are built where points first ask for them, in some tenths of a millisecond
 // each, or ahead. A point then takes a few tenths of a microsecond. Corrections are continuous in the point, to the
 // second derivative's jumps. Safe from any number of threads.
 

@@ -191,7 +191,8 @@ bool CorrectedEstimator::correct_to(double target, std::span<const Vec<3>> point
     }
     if (round + 1 < look) continue;
     std::erase_if(open, [&](size_t i) {
-      errors[i] = workspace.randomizations[i].error();
+      // On the cage values are the basis' own, without noise.
+      errors[i] = places[i].on_cage ? Randomizations::Error{} : workspace.randomizations[i].error();
       if (errors[i].standard > target && look < kRoundsMost) return false;
       workspace.randomizations[i].mean(corrections.subspan(i * row_size(), n));
       const auto rounds = static_cast<double>(round + 1);

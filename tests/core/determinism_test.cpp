@@ -157,6 +157,28 @@ std::string name_of(const ::testing::TestParamInfo<Parameters>& info) {
                                                : "PositiveMeanValue");
 }
 
+// Whether points count as outside, too, where the cage does not enclose any: beside each other they may not share an
+// answer.
+TEST(DeterminismOfOpenCages, OverOrder) {
+  const testing::Shape cup{.dimension = 2, .vertices = {-1, 1, -1, -1, 1, -1, 1, 1}, .segments = {0, 1, 1, 2, 2, 3}};
+  for (const testing::Shape& shape : {cup, testing::open_box()})
+    for (const CoordinateKind kind : {CoordinateKind::kHarmonic, CoordinateKind::kMeanValue}) {
+      const auto index = testing::make_index(shape);
+      const auto d = static_cast<size_t>(shape.dimension);
+      const std::vector<double> points = testing::random_points(400, shape.dimension, -1.5, 1.5, 1);
+      std::vector<double> reversed;
+      for (size_t i = 400; i-- > 0;) reversed.insert(reversed.end(), &points[i * d], &points[i * d] + d);
+      const Options options{.coordinates = kind, .samples = 20};
+      const RowBlock rows = testing::bind_or_die(index, testing::loose_points(points), options),
+                     back = testing::bind_or_die(index, testing::loose_points(reversed), options);
+      for (size_t i = 0; i < 400; ++i) {
+        EXPECT_EQ(rows.flags[i], back.flags[399 - i]);
+        EXPECT_EQ(testing::dense_row(rows, i, index->control_vertex_count()),
+                  testing::dense_row(back, 399 - i, index->control_vertex_count()));
+      }
+    }
+}
+
 INSTANTIATE_TEST_SUITE_P(PresetsAndKinds, Determinism,
                          ::testing::Combine(::testing::Values(Preset::kDefault, Preset::kPaper),
                                             ::testing::Values(CoordinateKind::kHarmonic, CoordinateKind::kMeanValue,

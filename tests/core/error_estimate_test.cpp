@@ -108,11 +108,24 @@ TEST(TargetError, IsMetRowByRow) {
   }
 }
 
+// There values are the basis', whatever walks from beside it find.
+TEST(TargetError, IsMetOnTheCage) {
+  const auto index = testing::make_index(testing::box());
+  BindingSummary summary;
+  const Options options{.target_error = 1e-5};
+  const RowBlock rows =
+      testing::bind_or_die(index, testing::loose_points({1, 0.3, -0.2, 0.1, -1, 0.9}), options, &summary);
+  for (const float error : rows.errors) EXPECT_EQ(error, 0.0f);
+  EXPECT_EQ(summary.rows_above_target, 0u);
+  EXPECT_EQ(summary.samples, 2u * 8 * 12);
+}
+
 TEST(TargetError, IsRefusedWhereItMakesNoSense) {
   const auto field = [](const Options& options) { return resolve(options, true).error().field; };
   EXPECT_EQ(field({.coordinates = CoordinateKind::kMeanValue, .target_error = 1e-3}), "target_error");
   EXPECT_EQ(field({.estimator = Estimator::kSampling, .target_error = 1e-3}), "target_error");
   EXPECT_EQ(field({.samples = 12, .target_error = 1e-3}), "samples");
+  EXPECT_EQ(field({.target_error = 1e-3, .tables = true}), "tables");
   EXPECT_EQ(field({.denoise = Denoise::kMesh, .target_error = 1e-3}), "denoise");
   for (const double target : {0.0, -1.0, 9e-6, 1.1, std::nan("")})
     EXPECT_EQ(field({.target_error = target}), "target_error");

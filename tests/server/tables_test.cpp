@@ -248,7 +248,7 @@ TEST_F(Tables, ACageThatOutgrowsTheCacheIsNotKept) {
   v1::UploadCageResponse response;
   const Outcome outcome = upload(closed_cage(), response);
   EXPECT_EQ(outcome.code, kResourceExhausted);
-  EXPECT_EQ(outcome.field(), "cage");
+  EXPECT_EQ(outcome.field(), "fill_tables");
   EXPECT_FALSE(holds(closed_cage()));
 }
 
