@@ -21,6 +21,8 @@ class Streams : public ServerTest {
     const size_t count = 100'000;
     auto head = header(count);
     head.mutable_header()->mutable_options()->set_samples(samples);
+    // A prediction would be made first, which takes seconds under a sanitizer on a busy machine.
+    head.mutable_header()->mutable_options()->set_estimator(v1::ESTIMATOR_SAMPLING);
     std::unique_ptr<Stream> stream = client_->open(settings);
     stream->write(head);
     stream->write(points(inner_points(count)));
