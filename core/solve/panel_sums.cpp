@@ -172,11 +172,11 @@ size_t PanelSums::bytes(size_t panels, size_t columns) {
   // The lists grow by doubling.
   const size_t lists = sizeof(SumPoints) + sizeof(SumTriangle<float>) + sizeof(SumTriangle<double>) +
                        sizeof(std::array<std::array<float, 4>, 3>);
-  return std::bit_ceil(panels) * lists + 3 * panels * rounded_up(static_cast<Eigen::Index>(columns)) * sizeof(float);
+  return std::bit_ceil(panels) * lists + 3 * panels * rounded_up(columns) * sizeof(float);
 }
 
 size_t PanelSums::evaluation_bytes(size_t points, size_t columns, size_t basis, bool gradients) {
-  const size_t rows = gradients ? 4 : 1, lanes = kSumPoints * rounded_up(static_cast<Eigen::Index>(columns));
+  const size_t rows = gradients ? 4 : 1, lanes = kSumPoints * rounded_up(columns);
   return rows * sizeof(float) * (points * columns + 3 * kSumPanels * kSumPoints + lanes + kSumPoints * (4 + basis));
 }
 
