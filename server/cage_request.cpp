@@ -34,9 +34,10 @@ ResolvedOptions options_of_tables() {
 }
 
 Status check_tables(const CageStorage& storage) {
-  if (const Status sound = check_cage(storage); !sound) return sound;
   const Status suits = CageIndex::check_tables(storage.input());
-  return suits.ok() ? suits : invalid_argument("fill_tables", suits.error().message);
+  if (suits.ok()) return suits;
+  if (suits.error().field != "tables") return from_cage(suits.error());
+  return invalid_argument("fill_tables", suits.error().message);
 }
 
 CageCache::Found get_index(CageCache& cages, const CageDigest& digest, CageStorage storage, CageCache::Waiter waiter) {

@@ -134,21 +134,20 @@ class UploadCall final : public grpc::ServerReadReactor<v1::UploadCageRequest> {
   }
 
   void answer() {
-    if (fill_tables_ && !state_.cages.contains(index_->digest())) {
-      return conclude({{ErrorCode::kResourceExhausted, "fill_tables",
-                        fmt::format("with its tables the cage's {} bytes found no place in this server's cache; leave "
-                                    "this out",
-                                    index_->bytes())},
-                       {},
-                       {}});
-    }
     if (!state_.cages.contains(index_->digest())) {
-      return conclude({{ErrorCode::kResourceExhausted, "cage",
-                        fmt::format("its {} bytes of acceleration structures found no place in this server's cache; "
-                                    "send it inline with the request",
-                                    index_->bytes())},
-                       {},
-                       {}});
+      const size_t bytes = index_->bytes();
+      return conclude(
+          {fill_tables_
+               ? Error{ErrorCode::kResourceExhausted, "fill_tables",
+                       fmt::format("with its tables the cage's {} bytes found no place in this server's cache; leave "
+                                   "this out",
+                                   bytes)}
+               : Error{ErrorCode::kResourceExhausted, "cage",
+                       fmt::format("its {} bytes of acceleration structures found no place in this server's cache; "
+                                   "send it inline with the request",
+                                   bytes)},
+           {},
+           {}});
     }
     *response_.mutable_digest() = encode_digest(index_->digest());
     for (const Warning& warning : index_->warnings()) *response_.add_warnings() = encode_warning(warning);

@@ -156,11 +156,14 @@ Status CageIndex::check_estimator(const CageInput& input, const ResolvedOptions&
 }
 
 Status CageIndex::check_tables(const CageInput& input) {
-  if (const Status sound = check(input); !sound) return sound;
-  if (input.dimension == 2)
+  if (input.dimension != 3) {
+    if (const Status sound = check(input); !sound) return sound;
     return invalid_argument("tables", "cages in the plane are not predicted, and have no tables");
+  }
   const auto cage = Cage<3>::create(input);
-  return cage ? check_tables_of(*cage) : Status(cage.error());
+  if (!cage) return cage.error();
+  if (const Status fits = check_distance_index(*cage); !fits) return fits;
+  return check_tables_of(*cage);
 }
 
 Status CageIndex::check(const CageInput& input) {

@@ -311,12 +311,7 @@ uint32_t Cage<D>::stencil_max() const {
 template <int D>
 void Cage<D>::append_basis(const Element& element, std::span<const double> corner_shares, double weight,
                            std::vector<VertexWeight>& basis) const {
-  for (int i = 0; i < element.corner_count(); ++i) {
-    const double share = weight * corner_shares[static_cast<size_t>(i)];
-    if (share == 0.0) continue;
-    for (const VertexWeight& entry : stencil(element.node[static_cast<size_t>(i)]))
-      basis.push_back({entry.vertex, share * entry.weight});
-  }
+  for_each_basis(element, corner_shares, weight, [&](uint32_t vertex, double phi) { basis.push_back({vertex, phi}); });
 }
 
 template <int D>

@@ -79,8 +79,23 @@ class Cage {
   size_t node_count() const { return nodes_.size(); }
   const Vec<D>& corner(const Element& element, int i) const { return nodes_[element.node[static_cast<size_t>(i)]]; }
 
-  // The basis phi_v that Eq. 1 sums over [SBC Eq. 1]. Adds weight * phi_v to `basis` for a point of an element with the
-  // given corner shares (they sum to one). Appends; a vertex may occur more than once.
+  // The basis phi_v that Eq. 1 sums over [SBC Eq. 1]: calls body(v, weight * phi_v) for a point of an element with the
+  // given corner shares (they sum to one). A vertex may occur more than once.
+  template <class Body>
+  void for_each_basis(const Element& element, std::span<const double> corner_shares, double weight,
+                      const Body& body) const {
+    for (int i = 0; i < element.corner_count(); ++i) {
+      const double share = weight * corner_shares[static_cast<size_t>(i)];
+      if (share == 0.0) continue;
+      const uint32_t node = element.node[static_cast<size_t>(i)];
+      if (node < control_vertex_count()) {
+        body(node, share);
+      } else {
+        for (const VertexWeight& entry : stencil(node)) body(entry.vertex, share * entry.weight);
+      }
+    }
+  }
+  // The same to the end of `basis`.
   void append_basis(const Element& element, std::span<const double> corner_shares, double weight,
                     std::vector<VertexWeight>& basis) const;
   // The control vertices behind a node: itself, or the corners of its polygon.

@@ -49,9 +49,7 @@ CorrectedEstimator::CorrectedEstimator(const Cage<3>& cage, const DistanceIndex<
 bool CorrectedEstimator::correct(std::span<const Vec<3>> points, const std::atomic<bool>& cancel, Workspace& workspace,
                                  std::span<CorrectedPoint> places, std::span<float> corrections) const {
   if (!correct_once(points, settings_.seed, cancel, workspace, places, corrections)) return false;
-  if (settings_.gradients)
-    for (size_t i = 0; i < points.size(); ++i)
-      shrink(corrections.subspan(i * row_size() + columns(), 3 * columns()), workspace.noise[i]);
+  for (size_t i = 0; i < points.size(); ++i) shrink(gradient(corrections, i), workspace.noise[i]);
   return true;
 }
 
@@ -166,9 +164,6 @@ bool CorrectedEstimator::correct_to(double target, std::span<const Vec<3>> point
   std::iota(open.begin(), open.end(), size_t{0});
   if (workspace.randomizations.size() < points.size()) workspace.randomizations.resize(points.size());
   for (size_t i = 0; i < points.size(); ++i) workspace.randomizations[i].clear(n);
-  const auto gradient = [&](std::span<float> rows, size_t i) {
-    return rows.subspan(i * row_size() + n, row_size() - n);
-  };
   if (settings_.gradients) std::fill(corrections.begin(), corrections.end(), 0.0f);
   workspace.summed_noise.assign(points.size(), 0.0);
   size_t look = kRoundsLeast;

@@ -116,6 +116,10 @@ class CorrectedEstimator {
   // What walks from a point inside found. Returns the noise of its gradient.
   double correct_inside(const CorrectedPoint& place, const SampleQuery<3>& query, const SampleSet<3>& samples,
                         Workspace& workspace, std::span<float> correction) const;
+  // Of row i, its partial derivatives, or nothing.
+  std::span<float> gradient(std::span<float> corrections, size_t i) const {
+    return corrections.subspan(i * row_size() + columns(), row_size() - columns());
+  }
   const HarmonicPrediction& prediction(bool elsewhere) const { return elsewhere ? *elsewhere_ : *inside_; }
   double tables_part(const CorrectedPoint& place, double distance) const {
     return tables_ == nullptr || place.elsewhere ? 0.0 : BallTables::part(distance);

@@ -98,22 +98,11 @@ void MomentAccumulator<D>::accumulate(std::span<const Sample<D>> samples, Weight
     second[D] = hn::Add(second[D], weighted);
     negative[D] = hn::Add(negative[D], if_negative);
 
-    const auto add = [&](uint32_t vertex, double phi) {
+    cage_.for_each_basis(cage_.elements()[sample.element], sample.shares, 1.0, [&](uint32_t vertex, double phi) {
       touched_[vertex] = 1;
       double* const moment = by_vertex_[vertex].data();
       hn::StoreU(hn::MulAdd(hn::Set(kTag, phi), weighted, hn::LoadU(kTag, moment)), kTag, moment);  // [SBC Eq. 8]
-    };
-    const Element& element = cage_.elements()[sample.element];
-    for (int i = 0; i < element.corner_count(); ++i) {
-      const double share = sample.shares[static_cast<size_t>(i)];
-      if (share == 0.0) continue;
-      const uint32_t node = element.node[static_cast<size_t>(i)];
-      if (node < cage_.control_vertex_count()) {
-        add(node, share);
-      } else {
-        for (const VertexWeight& entry : cage_.stencil(node)) add(entry.vertex, share * entry.weight);
-      }
-    }
+    });
   }
   out.second = matrix_of<D + 1>(second);
   out.negative = matrix_of<D + 1>(negative);

@@ -51,6 +51,9 @@ class Resume : public ServerTest {
     resume.set_smoothing_time(first.header->options().smoothing_time());
     return resume;
   }
+
+  // That the same requests from some row on give the rest of `whole`.
+  void expect_resumable(std::vector<v1::ComputeCoordinatesRequest> requests, const Answer& whole);
 };
 
 // Everything about a row, as bytes; blocks may cut anywhere.
@@ -68,6 +71,17 @@ std::vector<std::string> row_bytes(const Answer& answer) {
                      (block.errors().empty() ? "" : block.errors().substr(8 * i, 8)));
   }
   return rows;
+}
+
+void Resume::expect_resumable(std::vector<v1::ComputeCoordinatesRequest> requests, const Answer& whole) {
+  const std::vector<std::string> expected = row_bytes(whole);
+  for (const uint32_t row : {1u, 64u, kCount - 1}) {
+    *requests[0].mutable_header()->mutable_resume() = resume(whole, row);
+    requests[0].mutable_header()->mutable_output()->set_block_rows(17);
+    const Answer rest = client_->compute(requests);
+    ASSERT_EQ(rest.code, kOk) << rest.message;
+    EXPECT_EQ(row_bytes(rest), std::vector<std::string>(expected.begin() + row, expected.end()));
+  }
 }
 
 TEST_F(Resume, GivesTheBytesOfTheUnbrokenStream) {
@@ -126,14 +140,7 @@ TEST_F(Resume, GivesTheErrorsOfTheUnbrokenStream) {
   const Answer whole = client_->compute(requests);
   ASSERT_EQ(whole.code, kOk) << whole.message;
   EXPECT_EQ(whole.header->options().target_error(), 2e-3);
-  for (const uint32_t row : {1u, 64u, kCount - 1}) {
-    *requests[0].mutable_header()->mutable_resume() = resume(whole, row);
-    requests[0].mutable_header()->mutable_output()->set_block_rows(17);
-    const Answer rest = client_->compute(requests);
-    ASSERT_EQ(rest.code, kOk) << rest.message;
-    const auto expected = row_bytes(whole);
-    EXPECT_EQ(row_bytes(rest), std::vector<std::string>(expected.begin() + row, expected.end()));
-  }
+  expect_resumable(requests, whole);
 }
 
 TEST_F(Resume, GivesTheBytesOfTheUnbrokenStreamWithTables) {
@@ -145,14 +152,7 @@ TEST_F(Resume, GivesTheBytesOfTheUnbrokenStreamWithTables) {
     ASSERT_EQ(whole.code, kOk) << whole.message;
     EXPECT_TRUE(whole.header->options().tables());
     EXPECT_EQ(whole.header->options().smoothing_time() > 0.0, smoothed);
-    for (const uint32_t row : {1u, 64u, kCount - 1}) {
-      *requests[0].mutable_header()->mutable_resume() = resume(whole, row);
-      requests[0].mutable_header()->mutable_output()->set_block_rows(17);
-      const Answer rest = client_->compute(requests);
-      ASSERT_EQ(rest.code, kOk) << rest.message;
-      const auto expected = row_bytes(whole);
-      EXPECT_EQ(row_bytes(rest), std::vector<std::string>(expected.begin() + row, expected.end()));
-    }
+    expect_resumable(requests, whole);
   }
 }
 
