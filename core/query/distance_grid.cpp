@@ -64,7 +64,7 @@ class DistanceGrid final : public DistanceIndex<D> {
   }
 
   void free_radii(const WalkPositions& at, uint32_t* hints, float* radii) const override {
-    grid_radii(grid_, at, radii);
+    if (grid_radii(grid_, at, radii)) return;
     for (size_t i = 0; i < at.count; ++i) {
       if (radii[i] == kNotInGrid) radii[i] = distance_anywhere(position_of<D>(at, i), hints[i]);
     }

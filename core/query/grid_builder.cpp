@@ -81,6 +81,9 @@ class Builder {
     fill(grid_.inner);
     fill(grid_.outer);
     lists_.make_blocks(facets_, dimension_);
+    grid_.cells.push_back(kNoCell);
+    grid_.cells.shrink_to_fit();
+    grid_.lists.resize(grid_.lists.size() + kGridListsPadding);
     grid_.lists.shrink_to_fit();
     grid_.far.shrink_to_fit();
     return std::move(grid_);

@@ -6,7 +6,9 @@
 #include <hwy/highway.h>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <cstring>
 #include <limits>
 
 #include "query/block_lanes-inl.h"
@@ -96,39 +98,113 @@ float far_radius(const GridTables& grid, uint32_t cell, float x, float y, float 
                   far.distance - std::sqrt(x * x + y * y + z * z) * (1.0f + kBlockRelativeRounding) - kBlockRounding);
 }
 
-void radii(const GridTables& grid, const WalkPositions& at, float* out) {
-  for (size_t begin = 0; begin < at.count; begin += kWidth) {
-    const Point p{hn::LoadU(kTag, at.x + begin), hn::LoadU(kTag, at.y + begin), hn::LoadU(kTag, at.z + begin)};
-    Ints inner_cell, outer_cell;
-    const auto in_inner = lookup(grid.inner, p, inner_cell), in_outer = lookup(grid.outer, p, outer_cell);
-    const Ints cell = hn::IfThenElse(hn::RebindMask(kIntTag, in_inner), inner_cell, outer_cell);
-    const auto in_grid = hn::RebindMask(kIntTag, hn::Or(in_inner, in_outer));
-    const Ints found = hn::IfThenElse(in_grid,
-                                      hn::GatherIndex(kIntTag, reinterpret_cast<const int32_t*>(grid.cells.data()),
-                                                      hn::IfThenElseZero(in_grid, cell)),
-                                      hn::Set(kIntTag, -1));
-    HWY_ALIGN int32_t values[kWidth];
-    hn::Store(found, kIntTag, values);
-    const auto is_listed = hn::Not(hn::Lt(found, hn::Zero(kIntTag)));
-    Floats rows[kWidth];
-    for (size_t i = 0; i < kWidth; ++i) {
-      const size_t k = begin + i;
-      rows[i] = values[i] < 0 ? hn::Zero(kTag)
-                              : least_of_list(grid, static_cast<uint32_t>(values[i]),
-                                              {hn::Set(kTag, at.x[k]), hn::Set(kTag, at.y[k]), hn::Set(kTag, at.z[k])});
-    }
-    const Floats nearest = hn::Sqrt(least_of_rows(rows));
-    const Ints list = hn::IfThenElseZero(is_listed, hn::ShiftRight<int{kGridLengthBits}>(found));
-    const Floats slack =
-        hn::BitCast(kTag, hn::GatherIndex(kIntTag, reinterpret_cast<const int32_t*>(grid.lists.data()), list));
-    const Floats radius = hn::Sub(hn::Mul(nearest, hn::Set(kTag, 1.0f - kBlockRelativeRounding)), slack);
-    hn::StoreU(hn::Max(hn::Zero(kTag), radius), kTag, out + begin);
-    if (hn::AllTrue(kIntTag, is_listed)) continue;
-    for (size_t i = 0; i < kWidth && begin + i < at.count; ++i)
-      if (values[i] < 0)
-        out[begin + i] =
-            far_radius(grid, static_cast<uint32_t>(values[i]), at.x[begin + i], at.y[begin + i], at.z[begin + i]);
+// Table indices of the cells of positions.
+HWY_INLINE Ints cells_of(const GridTables& grid, const Point& p) {
+  Ints inner, outer;
+  const auto in_inner = lookup(grid.inner, p, inner);
+  if (hn::AllTrue(kTag, in_inner)) return inner;
+  const auto in_outer = lookup(grid.outer, p, outer);
+  const Ints none = hn::Set(kIntTag, static_cast<int32_t>(grid.cells.size() - 1));
+  return hn::IfThenElse(hn::RebindMask(kIntTag, in_inner), inner,
+                        hn::IfThenElse(hn::RebindMask(kIntTag, in_outer), outer, none));
+}
+
+// Some positions, and what is known of each. What a position needs is found in passes over all of them, and how long
+// its list is decides nothing but what the next pass has to do: branches that nothing foretells, and chains of lookups,
+// were a third of the time.
+struct Tile {
+  static constexpr size_t kPositions = 64, kAtATime = kGridListsPadding;
+  HWY_ALIGN int32_t cell[kPositions];  // its value
+  HWY_ALIGN float slack[kPositions];
+  HWY_ALIGN float squares[kPositions][kWidth];  // the least bounds so far, of every lane
+  // Blocks beyond the first of a list, and whose they are.
+  uint32_t further[kPositions * kGridLengthMax + kAtATime];
+  uint8_t further_of[kPositions * kGridLengthMax + kAtATime];
+  size_t further_count;
+};
+
+HWY_INLINE size_t padded(size_t count) {
+  return (count + kWidth - 1) / kWidth * kWidth;
+}
+
+// Pointers are copied in what follows: what is written may be anything, for all that the compiler knows.
+
+// Returns whether all cells have lists.
+HWY_INLINE bool find_cells(const GridTables& grid, const WalkPositions at, Tile& tile) {
+  const uint32_t *const cells = grid.cells.data(), *const lists = grid.lists.data();
+  for (size_t i = 0; i < at.count; i += kWidth) {
+    const Point p{hn::LoadU(kTag, at.x + i), hn::LoadU(kTag, at.y + i), hn::LoadU(kTag, at.z + i)};
+    hn::Store(cells_of(grid, p), kIntTag, tile.cell + i);
   }
+  uint8_t longer[Tile::kPositions];
+  size_t longer_count = 0;
+  uint32_t all = 0;
+  for (size_t i = 0; i < padded(at.count); ++i) {
+    const uint32_t value = cells[tile.cell[i]];
+    tile.cell[i] = static_cast<int32_t>(value);
+    all |= value;
+    longer[longer_count] = static_cast<uint8_t>(i);
+    longer_count += static_cast<size_t>((value & kGridFarBit) == 0 && grid_list_length(value) > 1);
+  }
+  size_t count = 0;
+  for (size_t k = 0; k < longer_count; ++k) {
+    const auto value = static_cast<uint32_t>(tile.cell[longer[k]]);
+    const uint32_t* const blocks = lists + grid_list_begin(value) + 2;
+    const size_t length = grid_list_length(value) - 1;
+    for (size_t j = 0; j < length; j += Tile::kAtATime) {
+      std::memcpy(tile.further + count + j, blocks + j, Tile::kAtATime * sizeof(uint32_t));
+      std::memset(tile.further_of + count + j, longer[k], Tile::kAtATime);
+    }
+    count += length;
+  }
+  tile.further_count = count;
+  return (all & kGridFarBit) == 0;
+}
+
+HWY_INLINE void find_bounds(const GridTables& grid, const WalkPositions at, Tile& tile) {
+  const uint32_t* const lists = grid.lists.data();
+  const BoundBlock* const blocks = grid.blocks.data();
+  const auto bound_at = [&](uint32_t block, size_t i) HWY_ATTR {
+    return bound(blocks[block], {hn::Set(kTag, at.x[i]), hn::Set(kTag, at.y[i]), hn::Set(kTag, at.z[i])});
+  };
+  for (size_t i = 0; i < padded(at.count); ++i) {
+    const uint32_t* const list = lists + (tile.cell[i] < 0 ? 0 : grid_list_begin(static_cast<uint32_t>(tile.cell[i])));
+    tile.slack[i] = std::bit_cast<float>(list[0]);
+    hn::Store(bound_at(list[1], i), kTag, tile.squares[i]);
+  }
+  for (size_t k = 0, count = tile.further_count; k < count; ++k) {
+    const size_t i = tile.further_of[k];
+    float* const least = tile.squares[i];
+    hn::Store(hn::Min(hn::Load(kTag, least), bound_at(tile.further[k], i)), kTag, least);
+  }
+}
+
+HWY_INLINE void write_radii(const Tile& tile, size_t count, float* radius) {
+  for (size_t i = 0; i < count; i += kWidth) {
+    Floats rows[kWidth];
+    for (size_t k = 0; k < kWidth; ++k) rows[k] = hn::Load(kTag, tile.squares[i + k]);
+    const Floats nearest = hn::Mul(hn::Sqrt(least_of_rows(rows)), hn::Set(kTag, 1.0f - kBlockRelativeRounding));
+    hn::StoreU(hn::Max(hn::Zero(kTag), hn::Sub(nearest, hn::Load(kTag, tile.slack + i))), kTag, radius + i);
+  }
+}
+
+bool radii(const GridTables& grid, const WalkPositions& at, float* out) {
+  Tile tile;
+  bool all_in_grid = true;
+  for (size_t begin = 0; begin < at.count; begin += Tile::kPositions) {
+    const WalkPositions some{at.x + begin, at.y + begin, at.z + begin, std::min(Tile::kPositions, at.count - begin)};
+    const bool all_listed = find_cells(grid, some, tile);
+    find_bounds(grid, some, tile);
+    write_radii(tile, some.count, out + begin);
+    if (all_listed) continue;
+    for (size_t i = 0; i < some.count; ++i) {
+      if (tile.cell[i] >= 0) continue;
+      float& radius = out[begin + i];
+      radius = far_radius(grid, static_cast<uint32_t>(tile.cell[i]), some.x[i], some.y[i], some.z[i]);
+      all_in_grid &= radius != kNotInGrid;
+    }
+  }
+  return all_in_grid;
 }
 
 void distances(const DistanceBlock* blocks, std::span<const uint32_t> numbers, const std::array<float, 3>& point,
@@ -213,8 +289,8 @@ uint32_t bounds_below(const BoundBlock& block, const std::array<float, 3>& point
   return HWY_DYNAMIC_DISPATCH(below)(block, point, limit);
 }
 
-void grid_radii(const GridTables& grid, const WalkPositions& at, float* radii_out) {
-  HWY_DYNAMIC_DISPATCH(radii)(grid, at, radii_out);
+bool grid_radii(const GridTables& grid, const WalkPositions& at, float* radii_out) {
+  return HWY_DYNAMIC_DISPATCH(radii)(grid, at, radii_out);
 }
 
 uint32_t grid_cell(const GridTables& grid, const std::array<float, 3>& point) {

@@ -29,9 +29,9 @@ uint32_t least_bound(const BoundBlock& block, const std::array<float, 3>& point)
 uint32_t bounds_below(const BoundBlock& block, const std::array<float, 3>& point, float limit);
 
 // Radii around the positions that are free of the cage, as DistanceIndex::free_radii says; kNotInGrid for positions in
-// no lattice.
+// no lattice. Returns whether all are in one.
 inline constexpr float kNotInGrid = -1.0f;
-void grid_radii(const GridTables& grid, const WalkPositions& at, float* radii);
+bool grid_radii(const GridTables& grid, const WalkPositions& at, float* radii);
 
 // The cell's value for one point, or kNoCell where it is in no lattice.
 uint32_t grid_cell(const GridTables& grid, const std::array<float, 3>& point);

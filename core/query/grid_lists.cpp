@@ -50,7 +50,7 @@ GridLists::GridLists(const NeighbourBlocks& neighbours, size_t triangle_count, G
       bounds_(neighbours.distances.size(), kNone),
       blocks_with_(neighbours.triangle_deviation.size()),
       known_(1024, KnownList{0, 0, 0, kNone}) {
-  grid_.lists.push_back(0);  // so that there is a first, for lanes without a list
+  grid_.lists = {0, 0};  // the first list: no slack, and any block
 }
 
 // Of blocks of their own where few are enough, of the blocks that the triangles are neighbours in otherwise.
@@ -161,7 +161,7 @@ uint32_t GridLists::new_list(std::span<const uint32_t> blocks, float slack) {
 }
 
 void GridLists::make_blocks(const FacetLevels& facets, int dimension) {
-  grid_.blocks.resize(blocks_.size());
+  grid_.blocks.resize(std::max<size_t>(1, blocks_.size()));
   parallel_build(blocks_.size(), 64, [&](size_t begin, size_t end) {
     for (size_t block = begin; block < end; ++block)
       for (size_t lane = 0; lane < kBlockLanes; ++lane) {

@@ -35,6 +35,9 @@ inline constexpr uint32_t kNoCell = 0xFFFFFFFFu;
 inline constexpr uint32_t kGridLengthBits = 6;
 inline constexpr uint32_t kGridLengthMax = (1u << kGridLengthBits) - 1;
 
+// Vectors of so many block numbers may be read.
+inline constexpr size_t kGridListsPadding = 8;
+
 constexpr uint32_t grid_list_begin(uint32_t cell) {
   return cell >> kGridLengthBits;
 }
@@ -45,10 +48,11 @@ constexpr uint32_t grid_list_length(uint32_t cell) {
 struct GridTables {
   // The inner one, around the cage, is looked at first; the outer one is coarse and holds all that walks reach.
   GridLattice inner, outer;
-  std::vector<uint32_t> cells;
+  std::vector<uint32_t> cells;  // those of the lattices; the last one, kNoCell, is for positions in neither
   std::vector<BoundBlock> blocks;
   // Lists: a float's bits, by how much elements may be nearer than the triangles of the blocks, rounding included; then
-  // indices of blocks, nearest first.
+  // indices of blocks, nearest first. The first list is that of positions whose cell has none; there is padding at the
+  // end.
   std::vector<uint32_t> lists;
   std::vector<GridFar> far;
 

@@ -12,6 +12,15 @@
 
 #include "query/distance_index.h"
 
+#ifndef BARYCAST_LATTICE_STEPS
+#define BARYCAST_LATTICE_STEPS
+namespace barycast {
+struct LatticeSteps {
+  uint32_t first, second;
+};
+}  // namespace barycast
+#endif
+
 HWY_BEFORE_NAMESPACE();
 namespace barycast::HWY_NAMESPACE {
 
@@ -33,8 +42,10 @@ constexpr size_t kKeyWidth = hn::MaxLanes(kKeyTag);
 // over the cube that holds the walks, which changes from step to step, the error of 5,000 walks was a tenth larger.
 constexpr float kCurveCells = 1024.0f, kCurveReach = 0.75f;
 
-void curve_keys(const float* x, const float* y, const float* z, size_t count, uint32_t* key) {
+// Keys of 30 bits, and their upper halves.
+void curve_keys(const WalkArrays& walks, size_t count, uint32_t* fine, int16_t* coarse) {
   const hn::RebindToSigned<Tag> signed_tag;
+  const hn::Rebind<int16_t, Tag> half_tag;
   // Ten bits, each followed by two zeros.
   const auto spread = [&](const float* coordinate) {
     const Floats cells = hn::MulAdd(hn::LoadU(kTag, coordinate), hn::Set(kTag, kCurveCells / (2 * kCurveReach)),
@@ -48,48 +59,62 @@ void curve_keys(const float* x, const float* y, const float* z, size_t count, ui
     return hn::And(hn::Or(bits, hn::ShiftLeft<2>(bits)), mask(0x09249249u));
   };
   for (size_t i = 0; i < count; i += kWidth) {
-    const Bits bits = hn::Or(hn::ShiftLeft<2>(spread(x + i)), hn::Or(hn::ShiftLeft<1>(spread(y + i)), spread(z + i)));
-    hn::StoreU(bits, kBitsTag, key + i);
+    const Bits bits = hn::Or(hn::ShiftLeft<2>(spread(walks.x + i)),
+                             hn::Or(hn::ShiftLeft<1>(spread(walks.y + i)), spread(walks.z + i)));
+    hn::StoreU(bits, kBitsTag, fine + i);
+    hn::StoreU(hn::DemoteTo(half_tag, hn::BitCast(signed_tag, hn::ShiftRight<15>(bits))), half_tag, coarse + i);
   }
 }
 
-// Counts the walks before every one of some: before its own vector equal keys come first, after it last.
-void ranks(const uint32_t* fine_key, size_t count, uint32_t* rank) {
+// In lane i of the vector at kKeyLanes - 1 - j, 1 where i is above j.
+constexpr auto kLanesAbove = [] {
+  std::array<int16_t, 2 * kKeyLanes> result{};
+  std::fill(result.begin() + kKeyLanes, result.end(), int16_t{1});
+  return result;
+}();
+
+// How many of `count` keys come before each of those from `begin` on: of equal ones those with lower indices.
+HWY_INLINE hn::Vec<KeyTag> keys_before(const int16_t* key, size_t count, size_t begin) {
+  const auto own = hn::LoadU(kKeyTag, key + begin);
+  // A true comparison is -1.
+  const auto less = [](auto a, auto b) { return hn::VecFromMask(kKeyTag, hn::Lt(a, b)); };
+  const size_t end = std::min(begin + kKeyWidth, count);
+  auto before = hn::Set(kKeyTag, static_cast<int16_t>(begin));
+  for (size_t j = 0; j < begin; ++j) before = hn::Add(before, less(own, hn::Set(kKeyTag, key[j])));
+  for (size_t j = begin; j < end; ++j) {
+    const auto above = hn::LoadU(kKeyTag, kLanesAbove.data() + kKeyLanes - 1 - (j - begin));
+    before = hn::Sub(before, less(hn::Set(kKeyTag, key[j]), hn::Add(own, above)));
+  }
+  for (size_t j = end; j < count; ++j) before = hn::Sub(before, less(hn::Set(kKeyTag, key[j]), own));
+  return before;
+}
+
+HWY_INLINE void lattice_points(Bits rank, const LatticeSteps& steps, const std::array<uint32_t, 2>& shift,
+                               uint32_t* first, uint32_t* second) {
+  hn::StoreU(hn::Add(hn::Mul(rank, hn::Set(kBitsTag, steps.first)), hn::Set(kBitsTag, shift[0])), kBitsTag, first);
+  hn::StoreU(hn::Add(hn::Mul(rank, hn::Set(kBitsTag, steps.second)), hn::Set(kBitsTag, shift[1])), kBitsTag, second);
+}
+
+// Of queries in their order: what is written beyond the end of one is written again by the next.
+void counted_numbers(std::span<const LatticeWalks> queries, const int16_t* key, const LatticeSteps& steps,
+                     uint32_t* first, uint32_t* second) {
   const hn::Rebind<int16_t, Tag> half_tag;
   const hn::RebindToSigned<Tag> signed_tag;
-  HWY_ALIGN int16_t counts[kKeyWidth];
-  HWY_ALIGN int16_t key[kWalksCountedMax + kKeyWidth];
-  for (size_t i = 0; i < count; i += kWidth) {
-    const Bits upper = hn::ShiftRight<15>(hn::LoadU(kBitsTag, fine_key + i));
-    hn::Store(hn::DemoteTo(half_tag, hn::BitCast(signed_tag, upper)), half_tag, key + i);
-  }
-  for (size_t begin = 0; begin < count; begin += kKeyWidth) {
-    const auto own = hn::Load(kKeyTag, key + begin);
-    const auto index = hn::Iota(kKeyTag, static_cast<int16_t>(begin));
-    auto before = hn::Zero(kKeyTag);
-    // A true comparison is -1.
-    const auto add = [&](auto is_before) { before = hn::Sub(before, hn::VecFromMask(kKeyTag, is_before)); };
-    const auto set = [](size_t value) { return hn::Set(kKeyTag, static_cast<int16_t>(value)); };
-    const size_t end = std::min(begin + kKeyWidth, count);
-    for (size_t j = 0; j < begin; ++j) add(hn::Not(hn::Lt(own, hn::Set(kKeyTag, key[j]))));
-    for (size_t j = begin; j < end; ++j) {
-      const auto other = hn::Set(kKeyTag, key[j]);
-      add(hn::Or(hn::Lt(other, own), hn::And(hn::Eq(other, own), hn::Lt(set(j), index))));
+  HWY_ALIGN int16_t before[kKeyWidth];
+  for (const LatticeWalks& walks : queries) {
+    if (walks.order == LatticeWalks::kInOrder) {
+      for (size_t i = 0; i < walks.count; i += kWidth)
+        lattice_points(hn::Iota(kBitsTag, walks.first_rank + static_cast<uint32_t>(i)), steps, walks.shift,
+                       first + walks.begin + i, second + walks.begin + i);
+      continue;
     }
-    for (size_t j = end; j < count; ++j) add(hn::Lt(hn::Set(kKeyTag, key[j]), own));
-    hn::Store(before, kKeyTag, counts);
-    for (size_t i = 0; i < kKeyWidth; i += kWidth)
-      hn::StoreU(hn::BitCast(kBitsTag, hn::PromoteTo(signed_tag, hn::LoadU(half_tag, counts + i))), kBitsTag,
-                 rank + begin + i);
-  }
-}
-
-void lattice(const uint32_t* rank, size_t count, uint32_t step0, uint32_t step1, uint32_t shift0, uint32_t shift1,
-             uint32_t* first, uint32_t* second) {
-  for (size_t i = 0; i < count; i += kWidth) {
-    const Bits r = hn::LoadU(kBitsTag, rank + i);
-    hn::StoreU(hn::Add(hn::Mul(r, hn::Set(kBitsTag, step0)), hn::Set(kBitsTag, shift0)), kBitsTag, first + i);
-    hn::StoreU(hn::Add(hn::Mul(r, hn::Set(kBitsTag, step1)), hn::Set(kBitsTag, shift1)), kBitsTag, second + i);
+    if (walks.count > kWalksCountedMax) continue;
+    for (size_t begin = 0; begin < walks.count; begin += kKeyWidth) {
+      hn::Store(keys_before(key + walks.begin, walks.count, begin), kKeyTag, before);
+      for (size_t i = 0; i < kKeyWidth && begin + i < walks.count; i += kWidth)
+        lattice_points(hn::BitCast(kBitsTag, hn::PromoteTo(signed_tag, hn::LoadU(half_tag, before + i))), steps,
+                       walks.shift, first + walks.begin + begin + i, second + walks.begin + begin + i);
+    }
   }
 }
 
@@ -205,8 +230,12 @@ size_t keep(const WalkArrays& walks, const uint32_t* kept, size_t count) {
         hn::Lt(hn::Iota(kBitsTag, static_cast<uint32_t>(i)), hn::Set(kBitsTag, static_cast<uint32_t>(count)));
     const auto mask = hn::And(inside, hn::Ne(hn::LoadU(kBitsTag, kept + i), hn::Zero(kBitsTag)));
     const auto float_mask = hn::RebindMask(kTag, mask);
+    if (left == i && hn::CountTrue(kBitsTag, mask) == kWidth) {
+      left += kWidth;  // all are where they stay
+      continue;
+    }
     // In place: what a vector overwrites has been read.
-    for (float* const array : {walks.x, walks.y, walks.z, walks.radius, walks.weight})
+    for (float* const array : {walks.x, walks.y, walks.z, walks.radius})
       hn::StoreU(hn::Compress(hn::LoadU(kTag, array + i), float_mask), kTag, array + left);
     for (uint32_t* const array : {walks.walk, walks.hint})
       hn::StoreU(hn::Compress(hn::LoadU(kBitsTag, array + i), mask), kBitsTag, array + left);
@@ -223,8 +252,7 @@ namespace barycast {
 namespace {
 
 HWY_EXPORT(curve_keys);
-HWY_EXPORT(ranks);
-HWY_EXPORT(lattice);
+HWY_EXPORT(counted_numbers);
 HWY_EXPORT(independent);
 HWY_EXPORT(move);
 HWY_EXPORT(arriving);
@@ -252,16 +280,20 @@ constexpr uint32_t kGoldenStep = 0x9E3779B9u;
 
 }  // namespace
 
-void rank_walks(const WalkArrays& walks, size_t count, uint32_t* key, uint32_t* rank) {
-  HWY_DYNAMIC_DISPATCH(curve_keys)(walks.x, walks.y, walks.z, count, key);
-  if (count > kWalksCountedMax) return ranks_by_sorting(key, count, rank);
-  HWY_DYNAMIC_DISPATCH(ranks)(key, count, rank);
-}
-
-void lattice_numbers(const uint32_t* rank, size_t count, int dimensions, const std::array<uint32_t, 2>& shift,
-                     uint32_t* first, uint32_t* second) {
-  HWY_DYNAMIC_DISPATCH(lattice)
-  (rank, count, dimensions == 1 ? kGoldenStep : kLatticeSteps[0], kLatticeSteps[1], shift[0], shift[1], first, second);
+void lattice_numbers(const WalkArrays& walks, std::span<const LatticeWalks> queries, int dimensions,
+                     const CurveKeys& keys, uint32_t* first, uint32_t* second) {
+  if (queries.empty()) return;
+  const LatticeSteps steps{dimensions == 1 ? kGoldenStep : kLatticeSteps[0], kLatticeSteps[1]};
+  HWY_DYNAMIC_DISPATCH(curve_keys)(walks, queries.back().begin + queries.back().count, keys.fine, keys.coarse);
+  HWY_DYNAMIC_DISPATCH(counted_numbers)(queries, keys.coarse, steps, first, second);
+  for (const LatticeWalks& some : queries) {
+    if (some.order == LatticeWalks::kInOrder || some.count <= kWalksCountedMax) continue;
+    ranks_by_sorting(keys.fine + some.begin, some.count, keys.rank);
+    for (size_t i = 0; i < some.count; ++i) {
+      first[some.begin + i] = keys.rank[i] * steps.first + some.shift[0];
+      second[some.begin + i] = keys.rank[i] * steps.second + some.shift[1];
+    }
+  }
 }
 
 void independent_numbers(const QueryRandom& random, const uint32_t* walk, size_t count, uint32_t step, uint32_t* first,

@@ -38,39 +38,45 @@ template <int D>
 struct HarmonicWalks<D>::Pool {
   struct Group {
     size_t query;
-    size_t begin, count;  // of its walks in the arrays
-    uint32_t step;        // that they are about to take
+    size_t begin, count;           // of its walks in the arrays
+    size_t left;                   // of them under way
+    uint32_t step;                 // that they are about to take
+    std::array<uint32_t, 4> bits;  // random ones, for two steps
   };
   std::span<const SampleQuery<D>> queries;
   std::span<SampleSet<D>> out;
   std::vector<Group> groups;
   size_t count = 0;
-  std::vector<float> x, y, z, radius, weight;
+  std::vector<float> x, y, z, radius;
   std::vector<uint32_t> walk, hint, key, rank, first, second, marked, kept;
+  std::vector<int16_t> coarse_key;
+  std::vector<LatticeWalks> lattices;  // by group
+  std::array<CagePoint<D>, kCheckEvery> ends;
 
-  WalkArrays arrays() { return {x.data(), y.data(), z.data(), radius.data(), weight.data(), walk.data(), hint.data()}; }
+  WalkArrays arrays() { return {x.data(), y.data(), z.data(), radius.data(), walk.data(), hint.data()}; }
 
   // Room for `walks`. Vectors read beyond the end, and write there.
   Pool(std::span<const SampleQuery<D>> of, std::span<SampleSet<D>> into, size_t walks) : queries(of), out(into) {
-    const size_t size = walks + 2 * kWalkLanes;
-    for (auto* array : {&x, &y, &z, &radius, &weight}) array->resize(size);
+    const size_t size = walks + 4 * kWalkLanes;
+    for (auto* array : {&x, &y, &z, &radius}) array->resize(size);
     for (auto* array : {&walk, &hint, &key, &rank, &first, &second, &marked, &kept}) array->resize(size);
+    coarse_key.resize(size);
   }
 
   // All walks of a query, at its origin.
   void add(size_t query, uint32_t walks) {
-    groups.push_back({query, count, walks, 0});
+    groups.push_back({query, count, walks, walks, 0, {}});
     const Vec<D>& origin = queries[query].origin;
     for (uint32_t i = 0; i < walks; ++i, ++count) {
       set_position(count, origin);
       radius[count] = rounded_down(queries[query].radius);
-      weight[count] = 1.0f;
       walk[count] = i;
       hint[count] = kNoHint;
     }
     out[query].clear();
     out[query].counts.started = walks;
-    out[query].samples.resize(walks);  // of weight 0: none yet
+    out[query].samples.resize(walks);
+    for (Sample<D>& sample : out[query].samples) sample.weight = 1.0;
   }
 
   WalkPositions positions() const { return {x.data(), y.data(), z.data(), count}; }
@@ -81,60 +87,74 @@ struct HarmonicWalks<D>::Pool {
     z[i] = 0.0f;
     if constexpr (D == 3) z[i] = static_cast<float>(p[2]);
   }
-  Group& group_of(size_t i) {
-    return *(std::upper_bound(groups.begin(), groups.end(), i,
-                              [](size_t at, const Group& group) { return at < group.begin; }) -
-             1);
+  Sample<D>& sample_of(const Group& group, size_t i) { return out[group.query].samples[walk[i]]; }
+  void end(Group& group, size_t i, const CagePoint<D>& at, SampleEnd how) {
+    Sample<D>& sample = sample_of(group, i);
+    sample = {at.point, sample.weight, at.shares, at.element, how};
+    drop(group, i);
   }
-  void end(size_t i, const CagePoint<D>& at, SampleEnd how) {
-    out[group_of(i).query].samples[walk[i]] = {at.point, weight[i], at.shares, at.element, how};
-    kept[i] = 0;
+  void discard(Group& group, size_t i) {
+    ++out[group.query].counts.discarded;
+    sample_of(group, i).weight = 0.0;
+    drop(group, i);
   }
 
   // Closes the gaps of walks that ended, and the groups that have none left.
   void compact() {
-    for (Group& group : groups) {
-      size_t left = 0;
-      for (size_t i = group.begin; i < group.begin + group.count; ++i) left += kept[i];
-      group.count = left;
-    }
     count = keep_walks(arrays(), kept.data(), count);
     size_t begin = 0;
     for (Group& group : groups) {
       group.begin = begin;
-      begin += group.count;
+      begin += group.count = group.left;
     }
     std::erase_if(groups, [&](const Group& group) {
       if (group.count > 0) return false;
-      std::erase_if(out[group.query].samples, [](const Sample<D>& sample) { return sample.weight == 0.0; });
+      SampleSet<D>& set = out[group.query];
+      if (set.counts.discarded > 0)
+        std::erase_if(set.samples, [](const Sample<D>& sample) { return sample.weight == 0.0; });
       return true;
     });
   }
+
+ private:
+  void drop(Group& group, size_t i) {
+    kept[i] = 0;
+    --group.left;
+  }
+};
+
+// The groups of walks, which are asked for in order.
+template <int D>
+class HarmonicWalks<D>::GroupFinder {
+ public:
+  explicit GroupFinder(Pool& pool) : group_(pool.groups.data()) {}
+  typename Pool::Group& of(size_t walk) {
+    while (walk >= group_->begin + group_->count) ++group_;
+    return *group_;
+  }
+
+ private:
+  typename Pool::Group* group_;
 };
 
 // Numbers for the next step of every walk.
 template <int D>
 void HarmonicWalks<D>::draw_numbers(Pool& pool) const {
-  for (const typename Pool::Group& group : pool.groups) {
-    const QueryRandom& random = pool.queries[group.query].random;
-    uint32_t *const first = &pool.first[group.begin], *const second = &pool.second[group.begin];
-    if (settings_.as_printed) {
-      independent_numbers(random, &pool.walk[group.begin], group.count, group.step, first, second);
-      continue;
-    }
-    uint32_t* const rank = &pool.rank[group.begin];
-    if (group.step == 0) {
-      std::iota(rank, rank + group.count, 0u);  // all at one place
-    } else {
-      WalkArrays walks = pool.arrays();
-      walks.x += group.begin;
-      walks.y += group.begin;
-      walks.z += group.begin;
-      rank_walks(walks, group.count, pool.key.data(), rank);
-    }
-    const std::array<uint32_t, 4> shift = random.bits(0, group.step);
-    lattice_numbers(rank, group.count, D - 1, {shift[0], shift[1]}, first, second);
+  if (settings_.as_printed) {
+    for (const typename Pool::Group& group : pool.groups)
+      independent_numbers(pool.queries[group.query].random, &pool.walk[group.begin], group.count, group.step,
+                          &pool.first[group.begin], &pool.second[group.begin]);
+    return;
   }
+  pool.lattices.clear();
+  for (typename Pool::Group& group : pool.groups) {
+    const uint32_t part = group.step % 2;
+    if (part == 0) group.bits = pool.queries[group.query].random.bits(0, group.step / 2);
+    const auto order = group.step == 0 ? LatticeWalks::kInOrder : LatticeWalks::kAlongCurve;
+    pool.lattices.push_back({group.begin, group.count, {group.bits[2 * part], group.bits[2 * part + 1]}, order});
+  }
+  lattice_numbers(pool.arrays(), pool.lattices, D - 1, {pool.key.data(), pool.rank.data(), pool.coarse_key.data()},
+                  pool.first.data(), pool.second.data());
 }
 
 template <int D>
@@ -143,15 +163,16 @@ bool HarmonicWalks<D>::move(Pool& pool, const std::atomic<bool>& cancel) const {
       settings_.as_printed ? std::numeric_limits<float>::infinity() : static_cast<float>(kReentryRadius);
   const size_t beyond =
       move_walks(pool.arrays(), pool.first.data(), pool.second.data(), pool.count, D, reach, pool.marked.data());
+  GroupFinder groups(pool);
   for (size_t k = 0; k < beyond; ++k) {
     const uint32_t i = pool.marked[k];
-    typename Pool::Group& group = pool.group_of(i);
+    typename Pool::Group& group = groups.of(i);
     // The first step starts from the query itself, however far out it is.
     const Vec<D> from = group.step == 0 ? pool.queries[group.query].origin : pool.position(i);
     const double distance = from.norm();
     pool.set_position(i, exterior_hit(from, kEnclosingRadius, {unit(pool.first[i]), unit(pool.second[i])}));
     // In the plane Brownian motion comes back with certainty, in space with this probability.
-    if constexpr (D == 3) pool.weight[i] *= static_cast<float>(kEnclosingRadius / distance);
+    if constexpr (D == 3) pool.sample_of(group, i).weight *= kEnclosingRadius / distance;
     pool.hint[i] = kNoHint;
     ++pool.out[group.query].counts.reentries;
   }
@@ -175,14 +196,14 @@ bool HarmonicWalks<D>::move(Pool& pool, const std::atomic<bool>& cancel) const {
 // Whether all of these walks are under way still. A free radius never exceeds the distance: only below the thickness
 // may it have arrived.
 template <int D>
-bool HarmonicWalks<D>::settle_some(Pool& pool, std::span<const uint32_t> walks) const {
+bool HarmonicWalks<D>::settle_some(Pool& pool, std::span<const uint32_t> walks, GroupFinder& groups) const {
   const double tolerance = kArrivalTolerance * settings_.thickness;
-  std::array<CagePoint<D>, kCheckEvery> ends;
-  distance_.near(pool.positions(), walks, tolerance, std::span(ends).first(walks.size()));
+  const std::span ends = std::span(pool.ends).first(walks.size());
+  distance_.near(pool.positions(), walks, tolerance, ends);
   bool all_kept = true;
   for (size_t k = 0; k < walks.size(); ++k) {
     if (ends[k].distance < settings_.thickness) {
-      pool.end(walks[k], ends[k], SampleEnd::kArrived);
+      pool.end(groups.of(walks[k]), walks[k], ends[k], SampleEnd::kArrived);
       all_kept = false;
     } else {
       pool.radius[walks[k]] = rounded_down(ends[k].distance - tolerance);
@@ -198,23 +219,22 @@ bool HarmonicWalks<D>::settle(Pool& pool, const std::atomic<bool>& cancel) const
   const size_t near =
       find_arriving(pool.radius.data(), pool.count, static_cast<float>(settings_.thickness), pool.marked.data());
   bool all_kept = true;
+  GroupFinder groups(pool);
   for (size_t k = 0; k < near; k += kCheckEvery) {
     if (cancel.load(std::memory_order_relaxed)) return false;
-    all_kept &= settle_some(pool, std::span(pool.marked).subspan(k, std::min(kCheckEvery, near - k)));
+    all_kept &= settle_some(pool, std::span(pool.marked).subspan(k, std::min(kCheckEvery, near - k)), groups);
   }
-  for (const typename Pool::Group& group : pool.groups) {
+  for (typename Pool::Group& group : pool.groups) {
     const bool at_limit = group.step >= settings_.walk_steps_max;
     if (!at_limit && !settings_.as_printed) continue;
     for (size_t i = group.begin; i < group.begin + group.count; ++i) {
       if (pool.kept[i] == 0) continue;
-      SampleCounts& counts = pool.out[group.query].counts;
       if (at_limit && !settings_.as_printed) {
         if (i % kCheckEvery == 0 && cancel.load(std::memory_order_relaxed)) return false;
-        ++counts.capped;
-        pool.end(i, distance_.closest(pool.position(i)), SampleEnd::kCapped);
+        ++pool.out[group.query].counts.capped;
+        pool.end(group, i, distance_.closest(pool.position(i)), SampleEnd::kCapped);
       } else if (at_limit || pool.position(i).squaredNorm() > kEscapeRadius * kEscapeRadius) {
-        ++counts.discarded;
-        pool.kept[i] = 0;
+        pool.discard(group, i);
       }
       all_kept &= pool.kept[i] != 0;
     }
@@ -239,16 +259,17 @@ bool HarmonicWalks<D>::sample(std::span<const SampleQuery<D>> queries, const std
 void first_directions(const QueryRandom& random, std::span<Vec<3>> directions) {
   // Vectors read beyond the end, and write there.
   constexpr size_t kSome = kWalkLanes;
-  std::array<float, 3 * kSome> x, y, z, radius, weight{};
-  std::array<uint32_t, 3 * kSome> rank, hint{}, first, second, beyond;
+  std::array<float, 3 * kSome> x, y, z, radius;
+  std::array<uint32_t, 3 * kSome> unused, first, second;
+  std::array<int16_t, 3 * kSome> coarse;
   radius.fill(1.0f);
-  const std::array<uint32_t, 4> shift = random.bits(0, 0);
+  const std::array<uint32_t, 4> bits = random.bits(0, 0);
   for (size_t begin = 0; begin < directions.size(); begin += kSome) {
     for (auto* coordinate : {&x, &y, &z}) coordinate->fill(0.0f);
-    std::iota(rank.begin(), rank.end(), static_cast<uint32_t>(begin));
-    lattice_numbers(rank.data(), kSome, 2, {shift[0], shift[1]}, first.data(), second.data());
-    move_walks({x.data(), y.data(), z.data(), radius.data(), weight.data(), rank.data(), hint.data()}, first.data(),
-               second.data(), kSome, 3, static_cast<float>(kReentryRadius), beyond.data());
+    const WalkArrays walks{x.data(), y.data(), z.data(), radius.data(), unused.data(), unused.data()};
+    const LatticeWalks some{0, kSome, {bits[0], bits[1]}, LatticeWalks::kInOrder, static_cast<uint32_t>(begin)};
+    lattice_numbers(walks, {&some, 1}, 2, {unused.data(), unused.data(), coarse.data()}, first.data(), second.data());
+    move_walks(walks, first.data(), second.data(), kSome, 3, static_cast<float>(kReentryRadius), unused.data());
     for (size_t i = begin; i < std::min(directions.size(), begin + kSome); ++i)
       directions[i] = Vec<3>(x[i - begin], y[i - begin], z[i - begin]).normalized();
   }

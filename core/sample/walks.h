@@ -41,10 +41,11 @@ class HarmonicWalks {
 
  private:
   struct Pool;
+  class GroupFinder;
   void draw_numbers(Pool& pool) const;
   bool move(Pool& pool, const std::atomic<bool>& cancel) const;
   bool settle(Pool& pool, const std::atomic<bool>& cancel) const;
-  bool settle_some(Pool& pool, std::span<const uint32_t> walks) const;
+  bool settle_some(Pool& pool, std::span<const uint32_t> walks, GroupFinder& groups) const;
 
   const DistanceIndex<D>& distance_;
   WalkSettings settings_;

@@ -44,11 +44,11 @@ TEST(Directions, SineAndCosineAreExactToRounding) {
 template <int D>
 void expect_uniform_directions() {
   const size_t size = kDraws + kWalkLanes;
-  std::vector<float> x(size), y(size), z(size), radius(size, 1.0f), weight(size, 1.0f);
+  std::vector<float> x(size), y(size), z(size), radius(size, 1.0f);
   std::vector<uint32_t> walk(size), hint(size), first(size), second(size), beyond(size);
   std::iota(walk.begin(), walk.end(), 0u);
   independent_numbers(QueryRandom(1, 2), walk.data(), kDraws, 0, first.data(), second.data());
-  const WalkArrays walks{x.data(), y.data(), z.data(), radius.data(), weight.data(), walk.data(), hint.data()};
+  const WalkArrays walks{x.data(), y.data(), z.data(), radius.data(), walk.data(), hint.data()};
   ASSERT_EQ(move_walks(walks, first.data(), second.data(), kDraws, D, 0.5f, beyond.data()), 0u);
   Vec<D> mean = Vec<D>::Zero();
   Mat<D> moment = Mat<D>::Zero();
