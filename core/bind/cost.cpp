@@ -135,7 +135,7 @@ class Model {
   double ends() const { return options_.coordinates == CoordinateKind::kHarmonic ? 1.0 : 2.0; }
   static constexpr double kChunk = 16.0;  // what malloc adds to a piece, rounding included
   // Edges, Laplacian and matrix per point, the ordering's workspace, and twice the factor: Eigen's and ours.
-  static constexpr double kFactorizationBytes = 410.0, kFactorEntryBytes = 23.2;
+  static constexpr double kFactorizationBytes = 290.0, kFactorEntryBytes = 23.2;
 
   double vertices() const { return static_cast<double>(size_.control_vertices); }
 
@@ -242,10 +242,11 @@ class Model {
   }
 
   double factorization() const {
-    // Every pair of a face's corners, as entries to be summed, and the sparse matrix from them.
+    // Every pair of a face's corners once, as entries to be summed, and the sparse matrix from them.
     const double corners = static_cast<double>(size_.face_corners);
-    const double pairs = corners * std::min(256.0, corners / std::max(1.0, static_cast<double>(size_.faces)));
-    const double assembly = 16.0 * grown(pairs) + 12.0 * pairs + 130.0 * points_;
+    const double pairs =
+        0.5 * corners * (1.0 + std::min(256.0, corners / std::max(1.0, static_cast<double>(size_.faces))));
+    const double assembly = (16.0 + 12.0) * pairs + 130.0 * points_;
     return std::max(assembly, points_ * (kFactorizationBytes + kFactorEntryBytes * data_.factor_entries));
   }
   double kernel() const { return points_ * (20.0 + 8.0 * data_.factor_entries); }

@@ -19,15 +19,11 @@ void FirstSteps::start(std::span<const Vec<3>> directions, double radius, size_t
 }
 
 void FirstSteps::add(size_t i, std::span<const double> found) {
-  const Vec<3> &weight = weights_[i];
-  const size_t n = found.size();
-  double *const x = slopes_.data(), *const y = x + n, *const z = y + n;
-  for (size_t v = 0; v < n; ++v) {
-    squares_[v] += found[v] * found[v];
-    x[v] += weight[0] * found[v];
-    y[v] += weight[1] * found[v];
-    z[v] += weight[2] * found[v];
-  }
+  using Functions = Eigen::Array<double, Eigen::Dynamic, 1>;
+  const auto n = static_cast<Eigen::Index>(found.size());
+  const Eigen::Map<const Functions> values(found.data(), n);
+  Eigen::Map<Functions>(squares_.data(), n) += values.square();
+  for (Eigen::Index a = 0; a < 3; ++a) Eigen::Map<Functions>(slopes_.data() + a * n, n) += weights_[i][a] * values;
 }
 
 double FirstSteps::finish(std::span<const double> sums, std::span<float> gradients) const {

@@ -20,7 +20,7 @@ constexpr double kOuterReach = kReentryRadius + 0.01;
 constexpr uint32_t kOuterCells = 32;
 // Evaluations of blocks, of some ten nanoseconds each, for a lattice: so many for every triangle, within bounds. Cubes
 // are cut from large to small: where a cage is too dense for it, all cells stay coarse, and list more.
-constexpr uint64_t kEvaluationsLeast = 3'000'000, kEvaluationsMost = 15'000'000, kEvaluationsPerTriangle = 150;
+constexpr uint64_t kEvaluationsLeast = 2'400'000, kEvaluationsMost = 15'000'000, kEvaluationsPerTriangle = 150;
 // A position may be found in the cell beside its own by rounding: cells cover a little more than themselves.
 constexpr double kCellMargin = 1.0 + 1e-4;
 // Cubes that were cut, for one task, of some ten microseconds; and tasks before what they found is placed.

@@ -75,18 +75,19 @@ Result<HeatKernel> HeatKernel::create(const MeshLaplacian& laplacian, std::span<
     row_of[i] = static_cast<int>(active.size());
     active.push_back(static_cast<uint32_t>(i));
   }
-  std::vector<Eigen::Triplet<double>> entries;
-  for (int column = 0; column < laplacian.stiffness.outerSize(); ++column)
-    for (Sparse::InnerIterator it(laplacian.stiffness, column); it; ++it)
-      if (it.row() >= it.col() && active_node[static_cast<size_t>(column)])
-        entries.emplace_back(row_of[static_cast<size_t>(it.row())], row_of[static_cast<size_t>(column)],
-                             time * it.value());
-  for (size_t i = 0; i < active.size(); ++i)
-    entries.emplace_back(static_cast<int>(i), static_cast<int>(i), weight(active[i]));
+  // Active nodes were renumbered in order, so the lower triangle stays the lower triangle, and its columns sorted.
   const auto size = static_cast<Eigen::Index>(active.size());
   Sparse matrix(size, size);
-  // Active nodes were renumbered in order, so the lower triangle stays the lower triangle.
-  matrix.setFromTriplets(entries.begin(), entries.end());
+  matrix.reserve(laplacian.stiffness.nonZeros() + size);
+  for (const uint32_t node : active) {
+    const int column = row_of[node];
+    matrix.startVec(column);
+    const auto in_mesh = static_cast<int>(node);
+    matrix.insertBack(column, column) = weight(node) + time * laplacian.stiffness.coeff(in_mesh, in_mesh);
+    for (Sparse::InnerIterator it(laplacian.stiffness, in_mesh); it; ++it)
+      if (it.row() != in_mesh) matrix.insertBack(row_of[static_cast<size_t>(it.row())], column) = time * it.value();
+  }
+  matrix.finalize();
   // In the order that keeps the factor sparse.
   Eigen::AMDOrdering<int>::PermutationType inverse;
   Eigen::AMDOrdering<int>()(matrix.selfadjointView<Eigen::Lower>(), inverse);

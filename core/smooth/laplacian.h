@@ -34,9 +34,10 @@ struct QueryMesh {
 };
 
 struct MeshLaplacian {
-  Eigen::SparseMatrix<double> stiffness;  // L, symmetric positive semi-definite, rows sum to zero
-  Eigen::VectorXd area;                   // diagonal of A; 0 where a node belongs to no face with area
-  size_t faces_skipped = 0;               // without area, or with more than 256 corners
+  // L, symmetric positive semi-definite, rows sum to zero: the lower triangle.
+  Eigen::SparseMatrix<double> stiffness;
+  Eigen::VectorXd area;      // diagonal of A; 0 where a node belongs to no face with area
+  size_t faces_skipped = 0;  // without area, or with more than 256 corners
 };
 
 // Nothing: `cancel` was seen set.

@@ -29,7 +29,8 @@ struct EdgeIntegrals {
   double inverse;         // int dl / R
   double first;           // int l dl / R
   double radial;          // int R^2-weighted part of int (rho - rho_0) / R dA, see exact_potential
-  double angle;           // the edge's part of the solid angle
+  double near;            // R where it starts
+  double product;         // of the vectors to its ends
   Vec<3> inverse_slope;   // gradient of `inverse` in x
   double cube;            // int dl / R^3
 };
@@ -60,9 +61,8 @@ EdgeIntegrals edge_integrals(const Panel& panel, size_t edge, const Vec<3>& x, d
   }
   result.first = far - near;
   result.radial = 0.5 * ((line_squared > 0 ? line_squared * result.inverse : 0.0) + end * far - start * near);
-  const double h = std::abs(height);
-  result.angle = std::atan2(result.distance * end, line_squared + h * far) -
-                 std::atan2(result.distance * start, line_squared + h * near);
+  result.near = near;
+  result.product = from.dot(to);
   if (with_gradient) {
     result.cube = inverse_cube(start, end, near, far, line_squared);
     const Vec<3> to_line = result.distance * result.outward - height * panel.normal;
@@ -76,15 +76,19 @@ EdgeIntegrals edge_integrals(const Panel& panel, size_t edge, const Vec<3>& x, d
 void exact_potential(const Panel& panel, const Vec<3>& x, bool with_gradient, PanelPotential& out) {
   const double height = panel.normal.dot(x - panel.centre);
   const Vec<3> projection = x - height * panel.normal;
-  double inverse = 0.0, solid_angle = 0.0;  // int 1 / R, and |h| int 1 / R^3
-  Vec<3> radial = Vec<3>::Zero();           // int (rho - rho_0) / R
+  double inverse = 0.0;            // int 1 / R
+  Vec<3> radial = Vec<3>::Zero();  // int (rho - rho_0) / R
   std::array<EdgeIntegrals, 3> edges;
   for (size_t i = 0; i < 3; ++i) {
     const EdgeIntegrals& e = edges[i] = edge_integrals(panel, i, x, height, with_gradient);
-    inverse += e.distance * e.inverse - std::abs(height) * e.angle;
-    solid_angle += e.angle;
+    inverse += e.distance * e.inverse;
     radial += e.radial * e.outward;
   }
+  // |h| int 1 / R^3 [Van Oosterom, Strackee 1983].
+  const double below = edges[0].near * edges[1].near * edges[2].near + edges[0].product * edges[2].near +
+                       edges[1].product * edges[0].near + edges[2].product * edges[1].near;
+  const double solid_angle = 2 * std::atan2(2 * panel.area * std::abs(height), below);
+  inverse -= std::abs(height) * solid_angle;
   const double signed_angle = height > 0 ? solid_angle : height < 0 ? -solid_angle : 0.0;
   Vec<3> angle_slope = Vec<3>::Zero();
   if (with_gradient)

@@ -244,7 +244,7 @@ HWY_INLINE void exact_gradients(D d, const SumTriangle<T>& panel, V height, V po
   }
 }
 
-// exact_potential in vectors, with one angle instead of six: the solid angle is that of Van Oosterom and Strackee
+// exact_potential in vectors; the solid angle is that of Van Oosterom and Strackee
 // [1983]. `x`: from the panel's centre.
 template <bool kGradients, class D, class V, class T = hn::TFromD<D>>
 HWY_INLINE void exact(D d, const SumTriangle<T>& panel, const Lanes3<V>& x, Kernels<kGradients, V>& out) {
