@@ -47,10 +47,10 @@ void BallTables::fill(const SampleQuery<3>& query, const SampleSet<3>& samples, 
   const size_t width = this->width();
   table.assign(kHarmonics * width, 0.0f);
   workspace.row.assign(width, 0.0f);
+  workspace.at_ends.find(inside_, samples.samples);
   for (size_t i = 0; i < samples.samples.size(); ++i) {
-    const Sample<3>& sample = samples.samples[i];
     workspace.missing.assign(columns_, 0.0);
-    inside_.add_missing(sample.element, sample.shares, sample.weight, workspace.missing);
+    workspace.at_ends.add(i, workspace.missing);
     for (size_t v = 0; v < columns_; ++v) workspace.row[v] = static_cast<float>(workspace.missing[v]);
     const float* __restrict const row = workspace.row.data();
     for (size_t j = 0; j < kHarmonics; ++j) {

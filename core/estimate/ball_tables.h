@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "estimate/ball_cover.h"
+#include "estimate/missing_at_ends.h"
 #include "estimate/solid_harmonics.h"
 #include "sample/walks.h"
 #include "solve/prediction.h"
@@ -52,6 +53,7 @@ class BallTables {
     std::vector<BallTable> tables;        // of those that are wanted, where they could not be kept
     std::vector<SampleQuery<3>> queries;
     std::vector<SampleSet<3>> samples;
+    MissingAtEnds at_ends;
     std::vector<double> missing;
     std::vector<float> row;
   };

@@ -66,10 +66,10 @@ double CorrectedEstimator::correct_inside(const CorrectedPoint& place, const Sam
     workspace.first_steps.start(workspace.directions, query.radius, columns());
   }
   workspace.missing.assign(columns(), 0.0);
+  workspace.at_ends.find(*inside_, samples.samples);
   for (size_t k = 0; k < samples.samples.size(); ++k) {
-    const Sample<3>& sample = samples.samples[k];
     workspace.found.assign(columns(), 0.0);
-    inside_->add_missing(sample.element, sample.shares, sample.weight, workspace.found);
+    workspace.at_ends.add(k, workspace.found);
     for (size_t v = 0; v < columns(); ++v) workspace.missing[v] += workspace.found[v];
     if (slopes) workspace.first_steps.add(k, workspace.found);
   }
@@ -221,8 +221,8 @@ void CorrectedEstimator::correct_moments(std::span<CorrectedPoint> points, Works
     const size_t i = workspace.chosen[k];
     std::vector<double>& missing = workspace.missing;
     missing.assign(static_cast<size_t>(elsewhere_->columns()), 0.0);
-    for (const Sample<3>& sample : workspace.samples[i].samples)
-      elsewhere_->add_missing(sample.element, sample.shares, sample.weight, missing);
+    workspace.at_ends.find(*elsewhere_, workspace.samples[i].samples);
+    for (size_t walk = 0; walk < workspace.samples[i].samples.size(); ++walk) workspace.at_ends.add(walk, missing);
     BoundaryData::Row moments = row_of(workspace.rows.values, static_cast<Eigen::Index>(k));
     const bool spans = project_moments(points[i].origin, moments, {}, n, predicted, no_gradients);
     const double mass = moments.head(n).sum();

@@ -25,6 +25,7 @@
 #include "estimate/error_estimate.h"
 #include "estimate/first_steps.h"
 #include "estimate/locator.h"
+#include "estimate/missing_at_ends.h"
 #include "sample/walks.h"
 #include "solve/prediction.h"
 
@@ -69,6 +70,7 @@ class CorrectedEstimator {
     std::vector<float> from_tables;
     std::vector<size_t> chosen;  // places of one side, or with tables
     std::vector<Vec<3>> points;
+    MissingAtEnds at_ends;
     std::vector<double> missing, found;
     std::vector<Vec<3>> directions;
     FirstSteps first_steps;

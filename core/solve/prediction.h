@@ -9,11 +9,10 @@
 // Inside closed cages the columns are the control vertices that the elements use; elsewhere the moments of
 // solve/boundary_data.h, from which the projection makes coordinates.
 //
-// Not corrected is what straight lines between the nodes of the table of what is missing leave out: less than .001, but
-// up to .03 where elements cut each other (two boxes). Nor are the roundings of floats: closed cages thinner than a
-// thousandth of their diagonal are lost in them seen from outside (a box of 2 x 2 x .002: coordinates of 350 are off by
-// 140). Outside, panels of a twisted quad may lie on the other side of a point next to it: there slopes are those of
-// that side.
+// Not corrected is what straight lines between the nodes of the table of what is missing leave out: less than .001 of
+// coordinates, for on elements that cut each other it is evaluated where it bends more. Nor are the roundings of floats: closed cages thinner than a thousandth of their
+// diagonal are lost in them seen from outside (a box of 2 x 2 x .002: coordinates of 350 are off by 140). Outside,
+// panels of a twisted quad may lie on the other side of a point next to it: there slopes are those of that side.
 //
 // Depends on the cage alone. Const and thread-safe; deterministic.
 
@@ -50,10 +49,16 @@ class HarmonicPrediction {
   // alone, bit for bit.
   void evaluate(std::span<const Vec<3>> points, bool gradients, Rows& out) const;
 
-  // Adds weight times what the prediction misses at a point of the cage to columns() sums.
+  // Adds weight times what the prediction misses at a point of the cage to columns() sums, from a table.
   void add_missing(uint32_t element, const std::array<double, 4>& shares, double weight, std::span<double> sum) const {
     missing_.add(element, shares, weight, sum);
   }
+  // Where the table says too little of it; and the same, evaluated, a row for each point of the cage.
+  bool has_rough() const { return missing_.has_rough(); }
+  bool is_rough(uint32_t element, const std::array<double, 4>& shares) const {
+    return missing_.is_rough(element, shares);
+  }
+  void evaluate_missing(std::span<const ResidualTable::Node> points, Rows::Table& missing) const;
 
   size_t bytes() const;
 

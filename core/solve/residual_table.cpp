@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/parallel.h"
+
 namespace barycast {
 namespace {
 
@@ -58,11 +60,60 @@ ResidualTable::Cell ResidualTable::cell(double t) const {
   return {first, (t - position_[first]) / (position_[first + 1] - position_[first])};
 }
 
+std::array<ResidualTable::Cell, 2> ResidualTable::cells(uint32_t element, const std::array<double, 4>& shares) const {
+  const double of_corner = shares[1] + shares[2];  // a triangle's first corner has any v
+  if (is_quad(element)) return {cell(of_corner), cell(shares[2] + shares[3])};
+  return {cell(of_corner), cell(of_corner > 0 ? shares[2] / of_corner : 0.0)};
+}
+
+void ResidualTable::find_rough(std::span<const double> tolerance) {
+  const size_t of_element = steps() * steps();
+  rough_.assign(cage_.elements().size() * of_element, 0);
+  parallel_for(cage_.elements().size(), 1, [&](size_t begin, size_t end) {
+    for (size_t e = begin; e < end; ++e)
+      find_rough(static_cast<uint32_t>(e), tolerance[e], std::span(rough_).subspan(e * of_element, of_element));
+  });
+  if (std::find(rough_.begin(), rough_.end(), 1) == rough_.end()) rough_ = {};
+}
+
+// A bend within a step shows in the slopes before and after it. Of a parabola a straight line is off by an eighth of
+// what slopes change by over a step, times the step; of a sharp bend by a quarter.
+void ResidualTable::find_rough(uint32_t element, double tolerance, std::span<uint8_t> rough) const {
+  const size_t side = position_.size(), count = steps();
+  const float* const rows = rows_.data() + element * nodes_of_element() * columns_;
+  std::vector<double> change(side);  // of slopes at a node, the most of all columns
+  for (const bool along_u : {true, false}) {
+    const size_t step = along_u ? 1 : side, across = along_u ? side : 1;
+    for (size_t line = 0; line < side; ++line) {
+      const auto value = [&](size_t i, size_t column) {
+        return double{rows[(line * across + i * step) * columns_ + column]};
+      };
+      std::fill(change.begin(), change.end(), 0.0);
+      for (size_t i = 1; i < count; ++i) {
+        const double before = 1 / (position_[i] - position_[i - 1]), after = 1 / (position_[i + 1] - position_[i]);
+        for (size_t c = 0; c < columns_; ++c)
+          change[i] = std::max(
+              change[i], std::abs((value(i + 1, c) - value(i, c)) * after - (value(i, c) - value(i - 1, c)) * before));
+      }
+      for (size_t i = 0; i < count; ++i) {
+        if ((change[i] + change[i + 1]) * (position_[i + 1] - position_[i]) <= 8 * tolerance) continue;
+        // The cells on both sides of the line.
+        for (const size_t beside : {line, line - 1})
+          if (beside < count) rough[along_u ? beside * count + i : i * count + beside] = 1;
+      }
+    }
+  }
+}
+
+bool ResidualTable::is_rough(uint32_t element, const std::array<double, 4>& shares) const {
+  if (rough_.empty()) return false;
+  const auto [u, v] = cells(element, shares);
+  return rough_[(element * steps() + v.first) * steps() + u.first] != 0;
+}
+
 void ResidualTable::add(uint32_t element, const std::array<double, 4>& shares, double weight,
                         std::span<double> sum) const {
-  const bool quad = is_quad(element);
-  const double of_corner = shares[1] + shares[2];  // a triangle's first corner has any v
-  const Cell u = cell(of_corner), v = cell(quad ? shares[2] + shares[3] : of_corner > 0 ? shares[2] / of_corner : 0.0);
+  const auto [u, v] = cells(element, shares);
   const size_t side = position_.size();
   const float* const row = rows_.data() + (element * nodes_of_element() + v.first * side + u.first) * columns_;
   const double a = weight * (1 - u.part) * (1 - v.part), b = weight * u.part * (1 - v.part),

@@ -5,8 +5,10 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <random>
 
+#include "solve/cuts.h"
 #include "support/rows.h"
 
 namespace barycast {
@@ -133,6 +135,12 @@ TEST_P(ResidualTableOf, AddsAWeightedValueOfTheFirstColumns) {
   EXPECT_EQ(first[1], once[1]);
 }
 
+TEST_P(ResidualTableOf, HasNoRoughCellsWhereLinesAreExact) {
+  ResidualTable table = filled(2000);
+  table.find_rough(std::vector<double>(cage_.elements().size(), 1e-6));
+  EXPECT_FALSE(table.has_rough());
+}
+
 INSTANTIATE_TEST_SUITE_P(Cages, ResidualTableOf,
                          ::testing::Values(std::pair{"box", testing::box()}, std::pair{"bent", testing::bent_prism()},
                                            std::pair{"mixed", testing::mixed_prism()},
@@ -154,6 +162,41 @@ TEST(ResidualTable, IsFinerNextToEdges) {
     table.add(3, shares, 1.0, sum);
     EXPECT_NEAR(sum[0], steep(shares), 0.05) << u;
   }
+}
+
+// Of a bend the cells that it runs through, on the element that asks for it.
+TEST(ResidualTable, FindsTheCellsOfABend) {
+  const auto index = *CageIndex::create(testing::box().input());
+  const Cage<3>& cage = std::get<std::unique_ptr<const CageStructures<3>>>(index->structures())->cage;
+  ResidualTable table(cage, 2, 2000);
+  const auto at = [](double u, double v) { return Shares{(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v}; };
+  const auto bent = [](const Shares& shares) { return std::max(0.0, shares[1] + shares[2] - 0.43); };
+  for (size_t i = 0; i < table.node_count(); ++i) table.row(i)[1] = static_cast<float>(bent(table.node(i).shares));
+  std::vector<double> tolerance(cage.elements().size(), 1.0);
+  tolerance[3] = 4e-3;
+  table.find_rough(tolerance);
+  ASSERT_TRUE(table.has_rough());
+  for (int i = 0; i <= 100; ++i) {
+    EXPECT_TRUE(table.is_rough(3, at(0.43, i / 100.0)));
+    EXPECT_FALSE(table.is_rough(3, at(0.25, i / 100.0)));
+    EXPECT_FALSE(table.is_rough(3, at(0.60, i / 100.0)));
+    EXPECT_FALSE(table.is_rough(2, at(0.43, i / 100.0)));
+  }
+}
+
+TEST(Cuts, AreElementsThatEdgesOfOthersPassThrough) {
+  const auto cut = [](const Shape& shape) {
+    const auto index = *CageIndex::create(shape.input());
+    const auto& cage = std::get<std::unique_ptr<const CageStructures<3>>>(index->structures())->cage;
+    const std::vector<uint8_t> elements = cut_elements(cage);
+    EXPECT_EQ(elements.size(), cage.elements().size());
+    return std::count(elements.begin(), elements.end(), 1);
+  };
+  for (const Shape& whole : {testing::box(), testing::bent_prism(), testing::mixed_prism(), testing::open_box(),
+                             testing::sphere(8, 1.0), testing::joined(testing::box(), testing::small_box(0.1, 0.2, 0))})
+    EXPECT_EQ(cut(whole), 0);
+  // Three faces of either box.
+  EXPECT_EQ(cut(testing::joined(testing::box(), testing::small_box(0.8, 0.7, 0.6))), 6);
 }
 
 }  // namespace

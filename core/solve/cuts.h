@@ -1,0 +1,18 @@
+#pragma once
+
+// Which elements of a surface others cut: where they do, what is known at some points of an element says little of
+// those between.
+
+#include <cstdint>
+#include <vector>
+
+#include "cage/cage.h"
+
+namespace barycast {
+
+// By element, 1 for those that an edge of another passes through, and for those that it belongs to; but for edges that
+// end on a corner of the element. Quads count as two flat triangles. Every edge is looked at with every element, some
+// nanoseconds each, on the threads of the calling arena.
+std::vector<uint8_t> cut_elements(const Cage<3>& cage);
+
+}  // namespace barycast
