@@ -45,10 +45,11 @@ std::vector<HarmonicValues> harmonic_projection(std::span<const Vec<3>> directio
     const Values b = values_at(s);
     gram += b * b.transpose();
   }
-  const Eigen::LLT<Eigen::Matrix<double, kHarmonics, kHarmonics>> factor(gram);
+  using Gram = Eigen::Matrix<double, kHarmonics, kHarmonics>;
+  const Gram inverse = gram.llt().solve(Gram::Identity());  // nearly diagonal: directions are spread evenly
   std::vector<HarmonicValues> factors;
   factors.reserve(directions.size());
-  for (const Vec<3>& s : directions) factors.push_back(in_floats(factor.solve(values_at(s))));
+  for (const Vec<3>& s : directions) factors.push_back(in_floats(inverse * values_at(s)));
   return factors;
 }
 

@@ -120,8 +120,7 @@ void time_estimates(const CageStructures<3>& structures, const QueryInput& queri
     all.push_back(
         {x, structures.closest_points(options).closest(x).distance, QueryRandom(options.seed, position_key<3>(x))});
   }
-  for (size_t begin = 0; begin < count; begin += piece) {
-    const size_t size = std::min(piece, count - begin);
+  const auto estimate = [&](size_t begin, size_t size, Run& of) {
     Stopwatch watch;
     parallel_for(size, points_per_task(options.samples), [&](size_t from, size_t to) {
       std::visit(
@@ -131,21 +130,24 @@ void time_estimates(const CageStructures<3>& structures, const QueryInput& queri
           },
           sampler);
     });
-    run.stages["walk"] += watch.lap();
+    of.stages["walk"] += watch.lap();
     parallel_for(size, 64, [&](size_t from, size_t to) {
       for (size_t i = from; i < to; ++i)
         accumulators.local().accumulate(samples[i].samples, Weights::kAsGiven, moments[i]);
     });
-    run.stages["moments"] += watch.lap();
+    of.stages["moments"] += watch.lap();
     parallel_for(size, 64, [&](size_t from, size_t to) {
       for (size_t i = from; i < to; ++i) projection.project(moments[i], PseudoSamples::kAlways, projected[i]);
     });
-    run.stages["solve"] += watch.lap();
+    of.stages["solve"] += watch.lap();
     for (size_t i = 0; i < size; ++i) {
-      run.walks += samples[i].counts.started;
-      run.steps += samples[i].counts.steps;
+      of.walks += samples[i].counts.started;
+      of.steps += samples[i].counts.steps;
     }
-  }
+  };
+  Run first;  // makes room, which a binding's threads have at hand for all but their first points
+  estimate(0, std::min(piece, count), first);
+  for (size_t begin = 0; begin < count; begin += piece) estimate(begin, std::min(piece, count - begin), run);
 }
 
 Run run_once(const Job& job, const Variant& variant, const ResolvedOptions& options) {

@@ -3,6 +3,7 @@
 #include "estimate/ball_tables.h"
 
 #include <gtest/gtest.h>
+#include <hwy/targets.h>
 
 #include <thread>
 
@@ -316,6 +317,26 @@ TEST(BallTables, RowsDependOnNoSeedAwayFromTheCage) {
   options.samples = 3;
   const RowBlock second = testing::bind_or_die(cage.index, testing::loose_points(points), options);
   EXPECT_EQ(first.values, second.values);
+}
+
+TEST(BallTables, SameBitsOverVectorWidths) {
+  if ((hwy::SupportedTargets() & HWY_AVX3) == 0) GTEST_SKIP() << "this processor has no AVX-512";
+  for (const testing::Shape& shape : {testing::bent_prism(), testing::mixed_prism()}) {
+    const QueryInput queries = testing::loose_points(testing::random_points(150, 3, -1.0, 1.5, 4));
+    Options options = with_tables();
+    options.gradients = true;
+    const auto bound = [&](int64_t targets) {
+      hwy::SetSupportedTargetsForTest(targets);
+      const RowBlock rows = testing::bind_or_die(testing::make_index(shape), queries, options);
+      hwy::SetSupportedTargetsForTest(0);
+      return rows;
+    };
+    const RowBlock wide = bound(0), narrow = bound(HWY_AVX2);
+    EXPECT_EQ(wide.indices, narrow.indices);
+    EXPECT_EQ(wide.values, narrow.values);
+    EXPECT_EQ(wide.gradients, narrow.gradients);
+    EXPECT_EQ(wide.flags, narrow.flags);
+  }
 }
 
 TEST(BallTables, ElsewherePointsWalk) {
