@@ -24,8 +24,11 @@ void add_commands(CLI::App& app, Config& config, CommandLine& line) {
   once(app.add_option("--config", line.file, "File of settings, TOML or INI (also BARYCASTD_CONFIG)"));
   once(app.add_flag("--print-config", config.print_config, "Print the settings in effect as such a file, and exit"));
   once(app.add_flag("--self-test", config.self_test, "Compute a known result with every kind; exit code 0: all right"));
-  once(
-      app.add_option("--probe", config.probe, "Ask the server at this address for its health; exit code 0: it serves"));
+  once(app.add_option("--probe", config.probe,
+                      "Ask the server at this address, or without one at --listen, for its health; exit code 0: it "
+                      "serves")
+           ->expected(0, 1)
+           ->default_str(kProbeListen));
 }
 
 std::string variable_of(std::string key) {

@@ -24,10 +24,13 @@ struct Config {
   bool exit_on_stdin_close = false;  // a private server that must not outlive its owner
 
   // What to do instead of serving; flags only.
-  std::string probe;  // ask this server for its health and exit; or empty
+  std::string probe;  // ask this server, or kProbeListen, for its health and exit; or empty
   bool self_test = false;
   bool print_config = false;
 };
+
+// Config::probe of the server that has these settings.
+inline constexpr const char* kProbeListen = "listen";
 
 // Usage and configuration errors end the program with this; 1 is for everything that goes wrong later.
 inline constexpr int kExitUsage = 2;

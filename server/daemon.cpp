@@ -134,7 +134,9 @@ Result<std::unique_ptr<Daemon>> Daemon::start(const DaemonSettings& settings) {
 }
 
 Health probe(const std::string& address, std::chrono::milliseconds timeout) {
-  const auto channel = grpc::CreateChannel(address, grpc::InsecureChannelCredentials());
+  grpc::ChannelArguments arguments;
+  arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);  // it is for the web, not for a server beside us
+  const auto channel = grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), arguments);
   const auto stub = grpc::health::v1::Health::NewStub(channel);
   grpc::ClientContext context;
   context.set_deadline(std::chrono::system_clock::now() + timeout);

@@ -91,6 +91,16 @@ int print_config(const Config& config) {
   return std::fputs(config_text(config).c_str(), stdout) >= 0 && std::fflush(stdout) == 0 ? 0 : 1;
 }
 
+int run_probe(const std::string& address) {
+  const Health health = probe(address, kProbeTimeout);
+  if (health == Health::kNoAnswer) {
+    std::fprintf(stderr, "barycastd: no server answers at %s\n", address.c_str());
+  } else {
+    std::puts(health == Health::kServing ? "SERVING" : "NOT_SERVING");
+  }
+  return health == Health::kServing ? 0 : 1;
+}
+
 int serve(const Config& config, const sigset_t& signals) {
   Result<std::unique_ptr<Daemon>> started = Daemon::start(config.daemon);
   if (!started) {
@@ -129,15 +139,8 @@ int run(int argc, char** argv) {
   const Config& config = *parsed.config;
   if (config.print_config) return print_config(config);
   if (config.self_test) return run_self_test();
-  if (!config.probe.empty()) {
-    const Health health = probe(config.probe, kProbeTimeout);
-    if (health == Health::kNoAnswer) {
-      std::fprintf(stderr, "barycastd: no server answers at %s\n", config.probe.c_str());
-    } else {
-      std::puts(health == Health::kServing ? "SERVING" : "NOT_SERVING");
-    }
-    return health == Health::kServing ? 0 : 1;
-  }
+  // All of a host's addresses, 0.0.0.0, are its loopback to who connects.
+  if (!config.probe.empty()) return run_probe(config.probe == kProbeListen ? config.daemon.listen : config.probe);
   init_log(config.log_format == "json" ? LogFormat::kJson : LogFormat::kText, config.log_level);
   return serve(config, signals);
 }

@@ -180,6 +180,15 @@ def test_probe(real_daemon, tmp_path):
         assert (done.returncode, done.stdout, done.stderr) == (0, "SERVING\n", "")
 
 
+def test_probe_of_the_server_with_these_settings(real_daemon, tmp_path):
+    proxies = {"http_proxy": "http://127.0.0.1:1", "grpc_proxy": "http://127.0.0.1:1"}
+    with Daemon(real_daemon, tmp_path) as daemon:
+        everywhere = "0.0.0.0:" + daemon.port_file.read_text().strip().rsplit(":", 1)[1]
+        assert run(real_daemon, "--probe", BARYCASTD_LISTEN=everywhere, **proxies).returncode == 0
+        assert run(real_daemon, "--probe", "--listen", everywhere).returncode == 0
+        assert run(real_daemon, "--probe", "--listen", "127.0.0.1:1").returncode == 1
+
+
 @pytest.mark.parametrize("where", ["127.0.0.1:1", "unix:/nowhere/socket"])
 def test_probe_where_nobody_listens(real_daemon, where):
     done = run(real_daemon, "--probe", where)
