@@ -68,3 +68,18 @@ def test_the_default_pool_stays_clean():
         with pytest.raises(KeyError):
             descriptor_pool.Default().FindMessageTypeByName(f"google.rpc.{name}")
     assert fake_server.status_bytes(3, "x")  # encodes without them
+
+
+@pytest.mark.parametrize("code, message", [
+    (grpc.StatusCode.UNKNOWN, "Stream removed"),
+    (grpc.StatusCode.INTERNAL, "Received RST_STREAM with error code 2"),
+    (grpc.StatusCode.CANCELLED, "Received RST_STREAM with error code 8"),
+])
+def test_a_stream_that_a_proxy_lost_is_a_lost_connection(code, message):
+    error = from_rpc_error(FakeError(code, message, raw=b""))
+    assert isinstance(error, ServerError)
+    assert (error.code, error.message) == ("UNAVAILABLE", f"the connection was lost ({message})")
+    assert from_rpc_error(FakeError(code, "something else", raw=b"")).code == code.name
+    refused = from_rpc_error(FakeError(code, message, raw=status_bytes(3, "a: is wrong", bad_request("a", "is wrong"))))
+    assert isinstance(refused, InputError)
+    assert (refused.code, refused.field, refused.message) == ("INVALID_ARGUMENT", "a", "is wrong")

@@ -34,19 +34,38 @@ bool nobody_there(const std::string& message) {
   return message.find("failed to connect") != message.npos || message.find("DNS resolution failed") != message.npos;
 }
 
+// What gRPC says when a stream broke off: a proxy lost the server behind it, or let a refusal pass and then reset the
+// stream, because the client was still sending.
+bool stream_lost(const grpc::Status& status) {
+  const grpc::StatusCode code = status.error_code();
+  if (code != grpc::StatusCode::UNKNOWN && code != grpc::StatusCode::INTERNAL && code != grpc::StatusCode::CANCELLED)
+    return false;
+  const std::string message = status.error_message();
+  return message.find("Stream removed") != message.npos || message.find("RST_STREAM") != message.npos;
+}
+
+// Code and message, as the server sent them where it did. `details`: what came with the status, or empty.
+Error read_status(const grpc::Status& status, const google::rpc::Status& details) {
+  if (stream_lost(status)) {
+    if (details.code() != 0) return {.code = static_cast<Code>(details.code()), .message = details.message()};
+    return {.code = Code::kUnavailable, .message = "the connection was lost (" + status.error_message() + ")"};
+  }
+  Error error{.code = static_cast<Code>(status.error_code()), .message = status.error_message()};
+  if (error.code == Code::kUnavailable && nobody_there(error.message)) {
+    error.message =
+        "no server answers at that address; is barycastd running, and the address right? (" + error.message + ")";
+  }
+  return error;
+}
+
 }  // namespace
 
 Failure to_failure(const grpc::Status& status) {
-  Failure failure{.error = {.code = static_cast<Code>(status.error_code()), .message = status.error_message()}};
-  if (status.error_code() == grpc::StatusCode::UNAVAILABLE && nobody_there(status.error_message())) {
-    failure.error.message = "no server answers at that address; is barycastd running, and the address right? (" +
-                            status.error_message() + ")";
-  }
   // Bytes that are no google.rpc.Status count as no details: the status itself still says what happened.
   google::rpc::Status details;
-  if (details.ParseFromString(status.error_details())) {
-    for (const auto& any : details.details()) read_detail(any, failure);
-  }
+  if (!details.ParseFromString(status.error_details())) details.Clear();
+  Failure failure{.error = read_status(status, details)};
+  for (const auto& any : details.details()) read_detail(any, failure);
   Error& error = failure.error;
   if (error.message.empty()) error.message = "the call failed with gRPC status " + std::to_string(status.error_code());
   // Another build, or one whose smoothing time differs in its last bit: its rows must not be mixed with the first.

@@ -20,6 +20,11 @@ _INPUT_CODES = ("INVALID_ARGUMENT", "OUT_OF_RANGE", "UNIMPLEMENTED")
 
 # What gRPC says when there was no connection at all.
 _NOBODY_THERE = ("failed to connect", "DNS resolution failed")
+# What gRPC says when a stream broke off, and with which codes: a proxy lost the server behind it, or let a refusal pass
+# and then reset the stream, because the client was still sending.
+_STREAM_LOST = ("Stream removed", "RST_STREAM")
+_STREAM_LOST_CODES = ("UNKNOWN", "INTERNAL", "CANCELLED")
+_CODE_NAMES = {code.value[0]: code.name for code in grpc.StatusCode}
 
 
 class BarycastError(Exception):
@@ -74,6 +79,11 @@ def from_rpc_error(error: grpc.RpcError) -> BarycastError:
     message = error.details() or code.replace("_", " ").lower()
     if code == "UNAVAILABLE" and any(words in message for words in _NOBODY_THERE):
         message = f"no server answers at that address; is barycastd running, and the address right? ({message})"
+    if code in _STREAM_LOST_CODES and any(words in message for words in _STREAM_LOST):
+        if details.code in _CODE_NAMES and details.code != 0:
+            code, message = _CODE_NAMES[details.code], details.message
+        else:
+            code, message = "UNAVAILABLE", f"the connection was lost ({message})"
     if details.missing:
         return MissingCageError(message, field="cage_digest", code=code)
     if details.field:

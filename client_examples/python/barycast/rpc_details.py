@@ -21,10 +21,12 @@ _Field = descriptor_pb2.FieldDescriptorProto
 class Details:
     """What the details said; empty where they said nothing.
 
-    field, description: the first violation of a BadRequest. missing: subjects of the PreconditionFailure
+    code, message: of the status, as the server sent it. field, description: the first violation of a BadRequest. missing: subjects of the PreconditionFailure
     violations of type MISSING. retry_seconds: of a RetryInfo.
     """
 
+    code: int = 0
+    message: str = ""
     field: str = ""
     description: str = ""
     missing: Tuple[str, ...] = ()
@@ -89,7 +91,9 @@ def decode(metadata: Iterable[Tuple[str, Union[str, bytes]]]) -> Details:
         if key != _KEY:
             continue
         try:
-            for item in MESSAGES["Status"].FromString(value).details:
+            status = MESSAGES["Status"].FromString(value)
+            details.code, details.message = status.code, status.message
+            for item in status.details:
                 _read(item, details, missing)
         except DecodeError:
             continue
