@@ -16,16 +16,29 @@ using Response = v1::ComputeCoordinatesResponse;
 // Messages that may be ready while another is being written.
 constexpr size_t kMessagesAhead = 1;
 
+// How long a refused client behind a proxy may go on sending: a megabyte or more on the slowest network.
+constexpr std::chrono::milliseconds kHearOutMax{1000};
+
+// A proxy that gets our status while its client still sends may reset the stream and lose the status (HAProxy 2.6
+// does).
+bool is_proxied(const grpc::CallbackServerContext& context) {
+  return context.client_metadata().count("x-forwarded-for") > 0;
+}
+
 // Two phases. Receiving: a chain of read -> task -> read, nothing else in flight; a refusal ends it at
-// once. It ends with the client's half-close, so that nothing is computed for a request that turns out to
-// be wrong. Answering: tasks produce, writes consume, and `pump` decides under the mutex what is next.
-// Finish is called when nothing else is in flight, and `this` is not touched after it: OnDone deletes.
+// once, but for a client behind a proxy, whose messages are read and dropped first. It ends with the client's
+// half-close, so that nothing is computed for a request that turns out to be wrong. Answering: tasks produce, writes
+// consume, and `pump` decides under the mutex what is next. Finish is called when nothing else is in flight, and `this`
+// is not touched after it: OnDone deletes.
 class ComputeCall final : public grpc::ServerBidiReactor<Request, Response> {
  public:
   ComputeCall(ServiceState& state, grpc::CallbackServerContext& context)
-      : state_(state), log_(state, Method::kComputeCoordinates, context), job_(state, cage_digest_metadata(context)) {
+      : state_(state),
+        log_(state, Method::kComputeCoordinates, context),
+        job_(state, cage_digest_metadata(context)),
+        proxied_(is_proxied(context)) {
     if (const std::optional<Refusal> refusal = closed(state)) {
-      conclude(*refusal);
+      refuse(*refusal);
     } else {
       read();
     }
@@ -33,6 +46,7 @@ class ComputeCall final : public grpc::ServerBidiReactor<Request, Response> {
 
   void OnReadDone(bool ok) override {
     if (!timeout_.stop()) return;
+    if (status_) return ok ? hear_out() : send(*status_);
     state_.arena.post([this, ok] { ok ? receive() : end_of_input(); });
   }
 
@@ -62,10 +76,28 @@ class ComputeCall final : public grpc::ServerBidiReactor<Request, Response> {
   void receive() {
     if (log_.cancelled()) return conclude(cancelled_refusal());
     job_.receive(request_, [this](std::optional<Refusal> refusal) {
-      if (refusal) return conclude(*refusal);
+      if (refusal) return refuse(*refusal);
       request_ = {};  // Clear() would keep its memory
       read();
     });
+  }
+
+  // Before the end of the input, with no read under way.
+  void refuse(const Refusal& refusal) {
+    if (!proxied_) return conclude(refusal);
+    job_.close();
+    status_ = to_status(refusal);
+    heard_out_ = std::chrono::steady_clock::now() + kHearOutMax;
+    hear_out();
+  }
+
+  void hear_out() {
+    request_ = {};
+    const auto left =
+        std::chrono::duration_cast<std::chrono::milliseconds>(heard_out_ - std::chrono::steady_clock::now());
+    if (log_.cancelled() || left.count() <= 0) return send(*status_);
+    timeout_.watch(
+        left, [this] { StartRead(&request_); }, [this] { send(*status_); });
   }
 
   void end_of_input() {
@@ -144,6 +176,8 @@ class ComputeCall final : public grpc::ServerBidiReactor<Request, Response> {
   ServiceState& state_;
   CallLog log_;
   ComputeJob job_;
+  const bool proxied_;
+  std::chrono::steady_clock::time_point heard_out_;
   Request request_;
   ReadTimeout timeout_;
 
