@@ -23,7 +23,8 @@ packages=(
   python3-venv python3-pip python3-setuptools python3-wheel
 )
 if [ "$mode" = --container ]; then
-  packages+=(podman podman-compose runc catatonit mmdebstrap haproxy shellcheck yamllint qemu-user)
+  packages+=(podman podman-compose runc catatonit containernetworking-plugins iptables mmdebstrap haproxy shellcheck yamllint
+    qemu-user)
   # Where they come from elsewhere, they stay.
   command -v kubectl >/dev/null || packages+=(kubernetes-client)
   command -v npm >/dev/null || packages+=(npm)
@@ -58,11 +59,11 @@ if [ ! -x build/tools/node_modules/.bin/buf ]; then
   fi
 fi
 
-# The types of Kubernetes' API, and a linter of Containerfiles.
-if [ "$mode" = --container ] && [ ! -e build/tools/kubernetes/node_modules/.complete ]; then
+# The types of Kubernetes' API, what reads and checks them, and a linter of Containerfiles.
+modules=(kubernetes-models@5.1.0 typescript@5.9.3 yaml@2.9.1 dockerfilelint@1.8.0)
+if [ "$mode" = --container ] && [ "$(cat build/tools/kubernetes/installed 2>/dev/null)" != "${modules[*]}" ]; then
   mkdir -p build/tools/kubernetes
-  npm install --silent --no-fund --no-audit --save-exact --prefix build/tools/kubernetes \
-    kubernetes-models@5.1.0 yaml@2.9.1 dockerfilelint@1.8.0 </dev/null
-  touch build/tools/kubernetes/node_modules/.complete
-  echo "setup: installed kubernetes-models, yaml and dockerfilelint"
+  npm install --silent --no-fund --no-audit --save-exact --prefix build/tools/kubernetes "${modules[@]}" </dev/null
+  echo "${modules[*]}" >build/tools/kubernetes/installed
+  echo "setup: installed ${modules[*]}"
 fi

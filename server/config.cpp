@@ -122,11 +122,13 @@ bool read_environment(Config& config) {
 Config defaults() {
   Config config;
   DaemonSettings& daemon = config.daemon;
-  // Half the memory for working requests; the rest for the caches, blocks on their way, and the system.
+  // Half the memory for working requests, a quarter at most for messages on their way; the rest for the caches and the
+  // program.
   daemon.admission.bytes_max = usable_memory_bytes() / 2;
   daemon.limits.request_bytes_max = daemon.admission.bytes_max;
   daemon.cache_bytes_max = std::min<uint64_t>(daemon.cache_bytes_max, usable_memory_bytes() / 8);
   daemon.smoothing_cache_bytes_max = std::min<uint64_t>(daemon.smoothing_cache_bytes_max, usable_memory_bytes() / 32);
+  daemon.limits.transport_bytes_max = std::min<uint64_t>(daemon.limits.transport_bytes_max, usable_memory_bytes() / 4);
   config.receive_idle_ms = static_cast<uint32_t>(daemon.limits.receive_idle_max.count());
   return config;
 }

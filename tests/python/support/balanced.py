@@ -28,7 +28,8 @@ def metrics_at(address: str) -> Dict[str, float]:
 
 
 def cages_built(address: str) -> int:
-    return int(metrics_at(address)["barycastd_cage_cache_entries"])
+    page = metrics_at(address)
+    return int(page["barycastd_cage_cache_entries"] + page["barycastd_cage_cache_evictions_total"])
 
 
 class Balancer:
