@@ -57,18 +57,10 @@ host_build() {
 lint() {
   local haproxy
   haproxy=$(PATH=$PATH:/usr/sbin command -v haproxy)
-  shellcheck deploy/*.sh
+  shellcheck deploy/*.sh tests/container/*.sh
   yamllint --strict deploy
   build/tools/kubernetes/node_modules/.bin/dockerfilelint deploy/Containerfile
   BARYCAST_LISTEN=127.0.0.1:1 REPLICA_A=127.0.0.1:2 REPLICA_B=127.0.0.1:3 "$haproxy" -c -f deploy/haproxy.cfg
-}
-
-manifests() {
-  local variant
-  for variant in base exec-probes; do
-    kubectl kustomize "deploy/kubernetes/$variant" >"$work/$variant.yaml"
-  done
-  node tests/container/check_manifests.mjs build/tools/kubernetes/node_modules "$work/base.yaml" "$work/exec-probes.yaml"
 }
 
 # Debian's sources and proxies as this machine's apt has them; the image keeps them for the build.
@@ -95,7 +87,7 @@ step host-build host_build
 say host-build "$seconds s, $(build/bin/barycastd --version)"
 step lint lint
 say lint "shell, YAML, Containerfile, haproxy.cfg"
-step manifests manifests
+step manifests tests/container/check_manifests.sh
 say manifests "kubectl kustomize: $(tail -n 1 "$work/log") of Kubernetes' types"
 if podman image exists "$base:bookworm-slim"; then
   say base "kept from an earlier run"

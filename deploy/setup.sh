@@ -21,10 +21,10 @@ packages=(
   libgtest-dev libgmock-dev clang libclang-rt-14-dev clang-format clang-tidy
   python3-grpcio python3-protobuf python3-numpy python3-scipy python3-pytest python3-matplotlib python3-tqdm
   python3-venv python3-pip python3-setuptools python3-wheel
+  haproxy yamllint
 )
 if [ "$mode" = --container ]; then
-  packages+=(podman podman-compose runc catatonit containernetworking-plugins iptables mmdebstrap haproxy shellcheck yamllint
-    qemu-user)
+  packages+=(podman podman-compose runc catatonit containernetworking-plugins iptables mmdebstrap shellcheck qemu-user)
   # Where they come from elsewhere, they stay.
   command -v kubectl >/dev/null || packages+=(kubernetes-client)
   command -v npm >/dev/null || packages+=(npm)

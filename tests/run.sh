@@ -92,7 +92,7 @@ our_sources() { find core server client_examples tests \( -name '*.h' -o -name '
 
 format() { our_sources | xargs -0 clang-format --dry-run -Werror; }
 
-scripts() { shellcheck deploy/*.sh proto/*.sh tests/run.sh .ci/run; }
+scripts() { shellcheck deploy/*.sh proto/*.sh tests/run.sh tests/container/*.sh .ci/run; }
 
 # What a stage ran on: its binaries and their inputs. It is remembered when the stage passes.
 fingerprint() { find "$@" -type f -print0 | sort -z | xargs -0 sha256sum | sha256sum; }
@@ -153,6 +153,12 @@ else
 fi
 stage format format
 if command -v shellcheck >/dev/null; then stage scripts scripts; else skip scripts "shellcheck is not installed"; fi
+if command -v yamllint >/dev/null; then stage yaml yamllint --strict deploy; else skip yaml "yamllint is not installed"; fi
+if [ -e build/tools/kubernetes/installed ]; then
+  stage manifests tests/container/check_manifests.sh
+else
+  skip manifests "deploy/setup.sh --container was not run"
+fi
 stage build build
 stage ctest run_ctest build ctest
 stage pytest run_pytest

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -76,6 +77,22 @@ def binds(image: str, client: Client) -> str:
             here = client.bind("host", *choice)
             total += same_bytes(client.bind("container", *choice, "--server", container.address), here)
         return f"{len(choices)} bindings from outside, {total / 1e6:.1f} MB, equal to the host build's"
+
+
+def metrics(image: str, client: Client) -> str:
+    """What the operator's page and the autoscaler name is there to be asked."""
+    named = {name for file in (DEPLOY / "README.md", DEPLOY / "kubernetes" / "base" / "horizontal-pod-autoscaler.yaml")
+             for name in re.findall(r"\bbarycastd_[a-z_]+[a-z]\b", file.read_text())}
+    # Made of it by the adapter's rule, which the page states.
+    named.remove("barycastd_queue_wait_seconds_p90")
+    with Container(image) as container:
+        client.bind("counted", "--server", container.address)
+        page = metrics_at(container.metrics_address)
+        there = {sample.split("{")[0] for sample in page}
+        check(named <= there, f"there is no {', '.join(sorted(named - there))}")
+        waits = int(page["barycastd_queue_wait_seconds_count"])
+        check(waits > 0, "a computation did not count its waits")
+        return f"{len(named)} metrics that operators are told of; {waits} waits of a binding counted"
 
 
 def threads(image: str, client: Client) -> str:
@@ -269,7 +286,7 @@ def write_crowd(source: Path, target: Path, count: int) -> None:
                 file.write((f"f {' '.join(corners)}" if corners else line) + "\n")
 
 
-STEPS = {"start": starts, "confined": confined, "bind": binds, "threads": threads, "memory": memory, "health": unhealthy,
+STEPS = {"start": starts, "confined": confined, "bind": binds, "metrics": metrics, "threads": threads, "memory": memory, "health": unhealthy,
          "drain": drains, "processor": processors, "replicas": replicas, "compose": composed, "kube": kube_played}
 
 
