@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Builds the container and runs it, as root on Debian 12: deploy/container_test.sh
-# Installs what it needs (deploy/setup.sh --container), lints what is deployed, makes a Debian base image by this machine's
-# own apt sources, builds the image on it, and checks it as tests/container/run.py says. A line per step; the first that
-# fails ends it. Images and build caches stay, so that a second run takes two or three minutes.
+# Installs what it needs (deploy/setup.sh --container), lints what is deployed, makes a Debian base image by this
+# machine's own apt sources, builds the image on it, and checks it as tests/container/run.py says. A line per step; the
+# first that fails ends it. Images and build caches stay, so that a second run takes two or three minutes.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 if (($#)); then

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # The file system of the container: runtime_root.sh PROGRAM FOLDER
-# The program, stripped; its dynamic closure, each object where the loader looks for it; for the packages that these come
-# from their licences, and their dpkg records as scanners of images read them; an unprivileged user.
+# The program, stripped; its dynamic closure, each object where the loader looks for it; for the packages that these
+# come from their licences, and their dpkg records as scanners of images read them; an unprivileged user.
 set -euo pipefail
 program=$1 root=$2
 

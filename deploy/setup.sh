@@ -25,9 +25,11 @@ packages=(
 )
 if [ "$mode" = --container ]; then
   packages+=(podman podman-compose runc catatonit containernetworking-plugins iptables mmdebstrap shellcheck qemu-user)
-  # Where they come from elsewhere, they stay.
-  command -v kubectl >/dev/null || packages+=(kubernetes-client)
-  command -v npm >/dev/null || packages+=(npm)
+  command -v npm >/dev/null || packages+=(npm)  # where it comes from elsewhere, it stays
+  if ! command -v kubectl >/dev/null; then
+    echo "setup: kubectl 1.21 or later must be on PATH; Debian 12 packages none (kubernetes-client is 1.20)" >&2
+    exit 1
+  fi
 fi
 
 installed=$(dpkg-query -W -f='${Package} ${db:Status-Status}\n' "${packages[@]}" 2>/dev/null \

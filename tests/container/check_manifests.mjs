@@ -64,7 +64,8 @@ function checkDeployment(deployment) {
       security.seccompProfile?.type !== "RuntimeDefault" || !security.capabilities?.drop.includes("ALL"))
     fail("a pod is not confined");
   const { requests, limits } = container.resources;
-  if (!requests.cpu || !limits.cpu || requests.memory !== limits.memory) fail("resources are not stated, or memory is overcommitted");
+  if (!requests.cpu || !limits.cpu || !limits.memory || requests.memory !== limits.memory)
+    fail("resources are not stated, or memory is overcommitted");
 }
 
 function checkTogether(objects) {
@@ -76,15 +77,16 @@ function checkTogether(objects) {
   checkDeployment(deployment);
   for (const service of of("Service")) {
     if (!selects(service.spec.selector, labels)) fail(`Service ${service.metadata.name} selects no pod`);
-    for (const { targetPort } of service.spec.ports)
-      if (!ports.some(({ name }) => name === targetPort)) fail(`Service ${service.metadata.name}: no port ${targetPort}`);
+    const absent = service.spec.ports.find(({ targetPort }) => !ports.some(({ name }) => name === targetPort));
+    if (absent) fail(`Service ${service.metadata.name}: no port ${absent.targetPort}`);
   }
   for (const budget of of("PodDisruptionBudget"))
     if (!selects(budget.spec.selector.matchLabels, labels)) fail("the PodDisruptionBudget selects no pod");
   for (const policy of of("NetworkPolicy")) {
     if (!selects(policy.spec.podSelector.matchLabels, labels)) fail("the NetworkPolicy selects no pod");
-    for (const { port } of policy.spec.ingress.flatMap((rule) => rule.ports))
-      if (!ports.some(({ containerPort }) => containerPort === port)) fail(`the NetworkPolicy opens ${port}, which nobody has`);
+    const opened = policy.spec.ingress.flatMap((rule) => rule.ports.map(({ port }) => port));
+    const closed = opened.find((port) => !ports.some(({ containerPort }) => containerPort === port));
+    if (closed) fail(`the NetworkPolicy opens ${closed}, which nobody has`);
   }
   for (const { spec } of of("HorizontalPodAutoscaler")) {
     if (spec.scaleTargetRef.name !== deployment.metadata.name) fail("the HorizontalPodAutoscaler scales nothing");

@@ -46,8 +46,9 @@ class Container:
         self.memory = memory
         self.address, self.metrics_address = (f"127.0.0.1:{free_port()}" for _ in range(2))
         variables = {"BARYCASTD_LISTEN": self.address, "BARYCASTD_METRICS_LISTEN": self.metrics_address, **environment}
+        settings = [f"--env={name}={value}" for name, value in variables.items()]
         self._command = ["run", "--detach", "--network", "host", *CONFINED, "--memory", memory, "--memory-swap", memory,
-                         "--cpus", cpus, *options, *[f"--env={name}={value}" for name, value in variables.items()], image]
+                         "--cpus", cpus, *options, *settings, image]
 
     def __enter__(self) -> Container:
         begin = time.monotonic()

@@ -165,8 +165,9 @@ def processors(image: str, client: Client) -> str:
     root = told("image", "mount", image)
     try:
         def on(processor: str, *arguments: str) -> subprocess.CompletedProcess:
-            return subprocess.run(["qemu-x86_64", "-L", root, "-cpu", processor, f"{root}/usr/bin/barycastd", *arguments],
-                                  capture_output=True, text=True, timeout=120)
+            command = ["qemu-x86_64", "-L", root, "-cpu", processor, f"{root}/usr/bin/barycastd", *arguments]
+            return subprocess.run(command, capture_output=True, text=True, timeout=120)
+
         old = on("Nehalem")
         check(old.returncode == 3 and "this processor lacks AVX2" in old.stderr,
               f"on Nehalem it ends with {old.returncode}: {old.stderr.strip()}")
@@ -286,8 +287,9 @@ def write_crowd(source: Path, target: Path, count: int) -> None:
                 file.write((f"f {' '.join(corners)}" if corners else line) + "\n")
 
 
-STEPS = {"start": starts, "confined": confined, "bind": binds, "metrics": metrics, "threads": threads, "memory": memory, "health": unhealthy,
-         "drain": drains, "processor": processors, "replicas": replicas, "compose": composed, "kube": kube_played}
+STEPS = {"start": starts, "confined": confined, "bind": binds, "metrics": metrics, "threads": threads, "memory": memory,
+         "health": unhealthy, "drain": drains, "processor": processors, "replicas": replicas, "compose": composed,
+         "kube": kube_played}
 
 
 def main() -> int:

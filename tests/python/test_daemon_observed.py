@@ -194,3 +194,24 @@ def test_probe_where_nobody_listens(real_daemon, where):
     done = run(real_daemon, "--probe", where)
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr == f"barycastd: no server answers at {where}\n"
+
+
+@pytest.mark.parametrize("pause, metadata, least, most", [
+    (0.5, [], 0, 0.4),  # at once, whatever comes
+    (0.5, [("x-forwarded-for", "192.0.2.1")], 0.5, 0.9),  # when all was sent
+    (5.0, [("x-forwarded-for", "192.0.2.1")], 0.9, 3.0),  # or after a second
+])
+def test_a_refusal_behind_a_proxy_waits_for_the_client(real_daemon, tmp_path, pause, metadata, least, most):
+    def requests():
+        yield barycast_pb2.ComputeCoordinatesRequest(header=barycast_pb2.ComputeHeader(
+            cage_digest=box_cage().digest, queries=barycast_pb2.QuerySet(point_count=3)))
+        ended.wait(pause)
+
+    ended = threading.Event()
+    with Daemon(real_daemon, tmp_path) as daemon:
+        daemon.compute(3)  # connected
+        begin = time.monotonic()
+        call = daemon.stub.ComputeCoordinates(requests(), timeout=20, metadata=metadata)
+        assert refused(lambda: next(call)) == grpc.StatusCode.FAILED_PRECONDITION
+        assert least <= time.monotonic() - begin < most
+        ended.set()

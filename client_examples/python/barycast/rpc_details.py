@@ -21,8 +21,8 @@ _Field = descriptor_pb2.FieldDescriptorProto
 class Details:
     """What the details said; empty where they said nothing.
 
-    code, message: of the status, as the server sent it. field, description: the first violation of a BadRequest. missing: subjects of the PreconditionFailure
-    violations of type MISSING. retry_seconds: of a RetryInfo.
+    code, message: of the status, as the server sent it. field, description: the first violation of a BadRequest.
+    missing: subjects of the PreconditionFailure violations of type MISSING. retry_seconds: of a RetryInfo.
     """
 
     code: int = 0
