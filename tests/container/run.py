@@ -82,13 +82,14 @@ def binds(image: str, client: Client) -> str:
 def metrics(image: str, client: Client) -> str:
     """What the operator's page and the autoscaler name is there to be asked."""
     named = {name for file in (DEPLOY / "README.md", DEPLOY / "kubernetes" / "base" / "horizontal-pod-autoscaler.yaml")
-             for name in re.findall(r"\bbarycastd_[a-z_]+[a-z]\b", file.read_text())}
+             for name in re.findall(r"\bbarycastd_[a-z0-9_]+\b", file.read_text())}
     # Made of it by the adapter's rule, which the page states.
     named.remove("barycastd_queue_wait_seconds_p90")
     with Container(image) as container:
         client.bind("counted", "--server", container.address)
         page = metrics_at(container.metrics_address)
         there = {sample.split("{")[0] for sample in page}
+        there |= {name.removesuffix("_bucket") for name in there}
         check(named <= there, f"there is no {', '.join(sorted(named - there))}")
         waits = int(page["barycastd_queue_wait_seconds_count"])
         check(waits > 0, "a computation did not count its waits")
