@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import os
 import subprocess
 import sys
 import time
@@ -41,19 +43,22 @@ def told(*arguments: object, timeout: float = 120) -> str:
 class Container:
     """Runs inside `with`; ready when it begins. seconds: from the command to the first good health check."""
 
+    _count = itertools.count()
+
     def __init__(self, image: str, *options: object, memory: int = 512 * MIB, cpus: float = 1,
                  environment: Dict[str, object] = {}) -> None:
         self.memory = memory
         self.address, self.metrics_address = (f"127.0.0.1:{free_port()}" for _ in range(2))
         variables = {"BARYCASTD_LISTEN": self.address, "BARYCASTD_METRICS_LISTEN": self.metrics_address, **environment}
         settings = [f"--env={name}={value}" for name, value in variables.items()]
-        self._command = ["run", "--detach", "--network", "host", *CONFINED, "--memory", memory, "--memory-swap", memory,
-                         "--cpus", cpus, *options, *settings, image]
+        self.id = f"barycast-test-{os.getpid()}-{next(self._count)}"
+        self._command = ["run", "--detach", "--name", self.id, "--network", "host", *CONFINED, "--memory", memory,
+                         "--memory-swap", memory, "--cpus", cpus, *options, *settings, image]
 
     def __enter__(self) -> Container:
         begin = time.monotonic()
-        self.id = told(*self._command)
         try:
+            told(*self._command)
             while not self.healthy():
                 check(self.state("Running"), f"the container ended while it started: {self.log()}")
                 check(time.monotonic() - begin < 60, f"not ready after 60 seconds: {self.log()}")
@@ -119,19 +124,28 @@ class Client:
 
     def __init__(self, program: Path, folder: Path) -> None:
         self.program, self.folder = program, folder
+        self._begun: List[subprocess.Popen] = []
         self.cage, self.model = folder / "cage.obj", folder / "character.obj"
 
     def begin_bind(self, name: str, *options: object, cage: Path = None, model: Path = None) -> subprocess.Popen:
         """barycast bind into NAME.npz."""
         command: List[object] = [self.program, "bind", cage or self.cage, model or self.model, "--quiet", "-o",
                                  self.folder / f"{name}.npz", *options]
-        return subprocess.Popen([*map(str, command)], stderr=subprocess.PIPE, text=True)
+        self._begun.append(subprocess.Popen([*map(str, command)], stderr=subprocess.PIPE, text=True))
+        return self._begun[-1]
 
     def bind(self, name: str, *options: object, **files: Path) -> Path:
         """The file. Throws Failed when the client fails."""
         code, said = ended(self.begin_bind(name, *options, **files))
         check(code == 0, f"barycast bind failed with {code}: {said}")
         return self.folder / f"{name}.npz"
+
+    def close(self) -> None:
+        """Ends what a failed step left behind."""
+        for process in self._begun:
+            if process.poll() is None:
+                process.kill()
+                process.communicate()
 
 
 def ended(process: subprocess.Popen, seconds: float = 180) -> tuple:

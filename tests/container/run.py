@@ -7,6 +7,7 @@ compared with the daemon of the build folder BUILD, whose client calls it. Calle
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
@@ -298,9 +299,9 @@ def main() -> int:
     steps = sys.argv[3:] or STEPS
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # unwinds, so that containers go too
     os.environ["BARYCASTD"] = str(build / "bin" / "barycastd")
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, contextlib.closing(
+            Client(build / "bin" / "barycast", Path(folder))) as client:
         subprocess.run([sys.executable, "-B", str(DEPLOY / "demo" / "generate.py"), folder], check=True, stdout=subprocess.DEVNULL)
-        client = Client(build / "bin" / "barycast", Path(folder))
         for name in steps:
             try:
                 print(f"{name:<12} {STEPS[name](image, client)}", flush=True)

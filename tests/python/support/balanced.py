@@ -45,19 +45,26 @@ class Balancer:
         with open(self.log, "wb") as log:
             self._process = subprocess.Popen([str(PROGRAM), "-f", str(CONFIG)], stderr=log, stdout=log,
                                              env=self._environment)
-        host, port = self.address.rsplit(":", 1)
-        deadline = time.monotonic() + 20
-        while True:
-            try:
-                socket.create_connection((host, int(port)), timeout=1).close()
-                return self
-            except OSError:
-                assert self._process.poll() is None and time.monotonic() < deadline, self.log.read_text()
-                time.sleep(0.05)
+        try:
+            self._wait_until_it_listens()
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
 
     def __exit__(self, *_: object) -> None:
         self._process.terminate()
         self._process.wait(20)
+
+    def _wait_until_it_listens(self) -> None:
+        host, port = self.address.rsplit(":", 1)
+        deadline = time.monotonic() + 20
+        while True:
+            try:
+                return socket.create_connection((host, int(port)), timeout=1).close()
+            except OSError:
+                assert self._process.poll() is None and time.monotonic() < deadline, self.log.read_text()
+                time.sleep(0.05)
 
     def wait_for(self, words: str, seconds: float = 20) -> None:
         """Until HAProxy has said so."""
