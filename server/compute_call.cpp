@@ -5,6 +5,7 @@
 
 #include "call_log.h"
 #include "compute_job.h"
+#include "hear_out.h"
 #include "read_timeout.h"
 
 namespace barycast::server {
@@ -15,15 +16,6 @@ using Response = v1::ComputeCoordinatesResponse;
 
 // Messages that may be ready while another is being written.
 constexpr size_t kMessagesAhead = 1;
-
-// How long a refused client behind a proxy may go on sending: a megabyte or more on the slowest network.
-constexpr std::chrono::milliseconds kHearOutMax{1000};
-
-// A proxy that gets our status while its client still sends may reset the stream and lose the status (HAProxy 2.6
-// does).
-bool is_proxied(const grpc::CallbackServerContext& context) {
-  return context.client_metadata().count("x-forwarded-for") > 0;
-}
 
 // Two phases. Receiving: a chain of read -> task -> read, nothing else in flight; a refusal ends it at
 // once, but for a client behind a proxy, whose messages are read and dropped first. It ends with the client's
@@ -36,7 +28,7 @@ class ComputeCall final : public grpc::ServerBidiReactor<Request, Response> {
       : state_(state),
         log_(state, Method::kComputeCoordinates, context),
         job_(state, cage_digest_metadata(context)),
-        proxied_(is_proxied(context)) {
+        hear_out_(context) {
     if (const std::optional<Refusal> refusal = closed(state)) {
       refuse(*refusal);
     } else {
@@ -46,7 +38,7 @@ class ComputeCall final : public grpc::ServerBidiReactor<Request, Response> {
 
   void OnReadDone(bool ok) override {
     if (!timeout_.stop()) return;
-    if (status_) return ok ? hear_out() : send(*status_);
+    if (hear_out_.begun()) return ok ? hear() : send(hear_out_.status());
     state_.arena.post([this, ok] { ok ? receive() : end_of_input(); });
   }
 
@@ -84,20 +76,18 @@ class ComputeCall final : public grpc::ServerBidiReactor<Request, Response> {
 
   // Before the end of the input, with no read under way.
   void refuse(const Refusal& refusal) {
-    if (!proxied_) return conclude(refusal);
+    if (!hear_out_.wanted()) return conclude(refusal);
     job_.close();
-    status_ = to_status(refusal);
-    heard_out_ = std::chrono::steady_clock::now() + kHearOutMax;
-    hear_out();
+    hear_out_.begin(to_status(refusal));
+    hear();
   }
 
-  void hear_out() {
+  void hear() {
     request_ = {};
-    const auto left =
-        std::chrono::duration_cast<std::chrono::milliseconds>(heard_out_ - std::chrono::steady_clock::now());
-    if (log_.cancelled() || left.count() <= 0) return send(*status_);
+    const auto left = hear_out_.left();
+    if (log_.cancelled() || left.count() == 0) return send(hear_out_.status());
     timeout_.watch(
-        left, [this] { StartRead(&request_); }, [this] { send(*status_); });
+        left, [this] { StartRead(&request_); }, [this] { send(hear_out_.status()); });
   }
 
   void end_of_input() {
@@ -176,8 +166,7 @@ class ComputeCall final : public grpc::ServerBidiReactor<Request, Response> {
   ServiceState& state_;
   CallLog log_;
   ComputeJob job_;
-  const bool proxied_;
-  std::chrono::steady_clock::time_point heard_out_;
+  HearOut hear_out_;
   Request request_;
   ReadTimeout timeout_;
 

@@ -9,6 +9,7 @@
 #include "cage_request.h"
 #include "call_log.h"
 #include "encode.h"
+#include "hear_out.h"
 #include "read_timeout.h"
 #include "request_cost.h"
 
@@ -24,9 +25,9 @@ constexpr size_t kTablesPerTurn = 128;
 class UploadCall final : public grpc::ServerReadReactor<v1::UploadCageRequest> {
  public:
   UploadCall(ServiceState& state, grpc::CallbackServerContext& context, v1::UploadCageResponse& response)
-      : state_(state), log_(state, Method::kUploadCage, context), response_(response) {
+      : state_(state), log_(state, Method::kUploadCage, context), response_(response), hear_out_(context) {
     if (std::optional<Refusal> refusal = admit()) {
-      conclude(*refusal);
+      refuse(*refusal);
     } else {
       read();
     }
@@ -34,8 +35,9 @@ class UploadCall final : public grpc::ServerReadReactor<v1::UploadCageRequest> {
 
   void OnReadDone(bool ok) override {
     if (!timeout_.stop()) return;
+    if (hear_out_.begun()) return ok ? hear() : send(hear_out_.status());
     if (!ok) return state_.arena.post([this] { build(); });
-    if (const std::optional<Refusal> refusal = guarded([this] { return collect(); })) return conclude(*refusal);
+    if (const std::optional<Refusal> refusal = guarded([this] { return collect(); })) return refuse(*refusal);
     read();
   }
 
@@ -61,6 +63,23 @@ class UploadCall final : public grpc::ServerReadReactor<v1::UploadCageRequest> {
     // The read that is still under way ends with the call.
     timeout_.watch(
         limit, [this] { StartRead(&request_); }, [this, limit] { conclude(silent_refusal(limit)); });
+  }
+
+  // Before the end of the input, with no read under way.
+  void refuse(const Refusal& refusal) {
+    if (!hear_out_.wanted()) return conclude(refusal);
+    ticket_.reset();
+    bytes_ = {};
+    hear_out_.begin(to_status(refusal));
+    hear();
+  }
+
+  void hear() {
+    request_ = {};
+    const auto left = hear_out_.left();
+    if (log_.cancelled() || left.count() == 0) return send(hear_out_.status());
+    timeout_.watch(
+        left, [this] { StartRead(&request_); }, [this] { send(hear_out_.status()); });
   }
 
   std::optional<Refusal> collect() {
@@ -193,6 +212,7 @@ class UploadCall final : public grpc::ServerReadReactor<v1::UploadCageRequest> {
   std::unique_ptr<Admission::Ticket> ticket_;
   v1::UploadCageRequest request_;
   ReadTimeout timeout_;
+  HearOut hear_out_;
   bool first_ = true, fill_tables_ = false;
   std::optional<CageDigest> expected_;
   std::string bytes_;

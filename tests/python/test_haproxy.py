@@ -22,7 +22,7 @@ def replicas(real_daemon, tmp_path):
     daemons = []
     for name in "ab":
         (tmp_path / name).mkdir()
-        daemons.append(Daemon(real_daemon, tmp_path / name, "--threads", "1"))
+        daemons.append(Daemon(real_daemon, tmp_path / name, "--threads", "1", "--cage-bytes-max", "500KB"))
         daemons[-1].__enter__()
     yield daemons
     for daemon in daemons:
@@ -61,6 +61,16 @@ def test_refusals_are_those_of_the_server(environment, cpp, balancer, replicas, 
             behind = call(*arguments, balancer.address)
             assert (behind.returncode, behind.stderr) == (direct.returncode, direct.stderr)
         assert direct.returncode == 3 and "100000" in direct.stderr.replace(",", "")
+
+
+def test_a_cage_over_the_limit_is_refused_as_such(environment, cpp, balancer, replicas, tmp_path):
+    cage, model = write_box(tmp_path, 200_000)
+    cage.write_text(obj_text(np.random.default_rng(1).random((100_000, 3)), np.arange(99_999).reshape(-1, 3)))
+    arguments = [cage, model, "-o", tmp_path / "bind.npz", "--estimator", "sampling", "--server"]
+    for call in (lambda *given: run(environment, "bind", *given), cpp):
+        for _ in range(3):
+            behind = call(*arguments, balancer.address)
+            assert behind.returncode == 3 and "limit of 512000 bytes" in behind.stderr, behind.stderr
 
 
 @pytest.mark.parametrize("client", ["python", "cpp"])
