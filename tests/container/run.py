@@ -117,14 +117,17 @@ def memory(image: str, client: Client) -> str:
         check(code == 3 and "more than this server's limit" in said, f"a job over the limit ended with {code}: {said}")
         # As much as it admits at once, and more: busy answers are retried.
         server = ["--server", container.address, "--retry-seconds", 120]
-        jobs = [client.begin_bind(f"job{seed}", "--seed", seed, *server, model=pair) for seed in range(6)]
+        kinds = [({"model": pair}, []), ({}, ["--gradients"]), ({}, ["--denoise", "none", "--gradients"]),
+                 ({}, ["--tables"]), ({}, ["--estimator", "sampling"]), ({}, ["--denoise", "none", "--samples", 100])]
+        jobs = [client.begin_bind(f"job{number}", *options, *server, **files)
+                for number, (files, options) in enumerate(2 * kinds)]
         for job in jobs:
             code, said = ended(job)
             check(code == 0, f"a job within the limit ended with {code}: {said}")
         peak = container.peak_bytes()
         check(peak < container.memory, f"{peak / MIB:.0f} MiB is not below the limit")
         check(container.state("Running") and not container.state("OOMKilled"), "the kernel ended it")
-        return f"a job over the limit is refused; 6 at once peak at {peak / MIB:.0f} of 512 MiB"
+        return f"a job over the limit is refused; {len(jobs)} at once, of six kinds, peak at {peak / MIB:.0f} of 512 MiB"
 
 
 def unhealthy(image: str, client: Client) -> str:
