@@ -198,17 +198,21 @@ def replicas(image: str, client: Client) -> str:
         held = [balanced.cages_built(replica.metrics_address) for replica in both]
         check(sum(held) == count and min(held) > 0, f"{count} cages were built {held[0]} and {held[1]} times")
 
+        begin = time.monotonic()
+        client.bind("alive", *LONG, *server)
+        seconds = time.monotonic() - begin
         job = client.begin_bind("killed", *LONG, *server)
         wait_for(lambda: any(replica.busy() for replica in both), "the job does not begin")
         victim, other = both if first.busy() else both[::-1]
-        time.sleep(1.5)  # so that rows have left
+        time.sleep(0.4 * seconds)  # so that rows have left
         check(victim.busy(), "the job was done before the replica could be killed")
         told("kill", victim.id)
         code, said = ended(job)
         check(code == 0, f"the client ended with {code}: {said}")
         rows = metrics_at(other.metrics_address)["barycastd_rows_total"]
         check(rows > 0 and resumed_rows(client.folder / "killed.npz"), "the other replica made no rows")
-        same_bytes(client.folder / "killed.npz", client.bind("alive", *LONG))
+        same_bytes(client.folder / "killed.npz", client.folder / "alive.npz")
+        same_bytes(client.folder / "killed.npz", client.bind("host", *LONG))
         balancer.wait_for("DOWN")
         return (f"{count} cages on {held[0]} + {held[1]}, none on both; one replica killed, the bind went on at row "
                 f"{resumed_rows(client.folder / 'killed.npz')[0]:,} on the other")

@@ -78,8 +78,10 @@ def test_another_replica_goes_on_when_one_is_killed(environment, program, balanc
     cage, model = write_box(tmp_path, 40_000)
     command = [*COMMAND, "bind"] if client == "python" else [program]
     command = [*map(str, [*command, cage, model, *LONG, "--server", balancer.address, "-o"])]
+    begin = time.monotonic()
     alone = subprocess.run([*command, tmp_path / "alone.npz"], env=environment, stderr=subprocess.PIPE, timeout=120)
     assert alone.returncode == 0, alone.stderr
+    seconds = time.monotonic() - begin
     with subprocess.Popen([*command, tmp_path / "killed.npz"], env=environment, stderr=subprocess.PIPE) as bind:
         deadline = time.monotonic() + 60
         busy = None
@@ -90,7 +92,7 @@ def test_another_replica_goes_on_when_one_is_killed(environment, program, balanc
                 if replica.metrics()["barycastd_admitted_requests"] == 1:
                     busy = replica
         assert busy is not None
-        time.sleep(0.7)
+        time.sleep(0.4 * seconds)  # so that rows have left
         assert busy.metrics()["barycastd_admitted_requests"] == 1, "done too early for this test"
         busy.process.kill()
         assert bind.wait(120) == 0, bind.stderr.read()
