@@ -38,8 +38,8 @@ double BallTables::part(double distance) {
   return smooth_step((distance - BallCover::kDistanceMin) / (kOwnWalksEnd - BallCover::kDistanceMin));
 }
 
-void BallTables::fill(const SampleQuery<3>& query, const SampleSet<3>& samples, Workspace& workspace,
-                      BallTable& table) const {
+bool BallTables::fill(const SampleQuery<3>& query, const SampleSet<3>& samples, const std::atomic<bool>& cancel,
+                      Workspace& workspace, BallTable& table) const {
   BARYCAST_CHECK_OP(samples.samples.size(), ==, size_t{settings_.walks});
   std::vector<Vec<3>> directions(settings_.walks);
   first_directions(query.random, directions);
@@ -47,18 +47,15 @@ void BallTables::fill(const SampleQuery<3>& query, const SampleSet<3>& samples, 
   const size_t width = this->width();
   table.assign(kHarmonics * width, 0.0f);
   workspace.row.assign(width, 0.0f);
-  workspace.at_ends.find(inside_, samples.samples);
-  for (size_t i = 0; i < samples.samples.size(); ++i) {
-    workspace.missing.assign(columns_, 0.0);
-    workspace.at_ends.add(i, workspace.missing);
-    for (size_t v = 0; v < columns_; ++v) workspace.row[v] = static_cast<float>(workspace.missing[v]);
+  return workspace.at_ends.visit(inside_, samples.samples, cancel, [&](size_t i, std::span<const double> missing) {
+    for (size_t v = 0; v < columns_; ++v) workspace.row[v] = static_cast<float>(missing[v]);
     const float* __restrict const row = workspace.row.data();
     for (size_t j = 0; j < kHarmonics; ++j) {
       float* __restrict const sum = &table[j * width];
       const float factor = factors[i][j];
       for (size_t v = 0; v < width; ++v) sum[v] += factor * row[v];
     }
-  }
+  });
 }
 
 void BallTables::keep(const BallLeaf& leaf, BallTable& table) const {
@@ -85,7 +82,8 @@ bool BallTables::make(std::span<const BallLeaf* const> leaves, const std::atomic
       workspace.queries.push_back({leaf->centre, leaf->radius, QueryRandom(kSeed, leaf->name)});
     if (!walks_.sample(workspace.queries, cancel, std::span(workspace.samples).first(some.size()))) return false;
     for (size_t i = 0; i < some.size(); ++i) {
-      fill(workspace.queries[i], workspace.samples[i], workspace, workspace.tables[first + i]);
+      if (!fill(workspace.queries[i], workspace.samples[i], cancel, workspace, workspace.tables[first + i]))
+        return false;
       keep(*some[i], workspace.tables[first + i]);
     }
   }

@@ -54,7 +54,6 @@ class BallTables {
     std::vector<SampleQuery<3>> queries;
     std::vector<SampleSet<3>> samples;
     MissingAtEnds at_ends;
-    std::vector<double> missing;
     std::vector<float> row;
   };
 
@@ -85,7 +84,9 @@ class BallTables {
   size_t table_bytes_each() const { return sizeof(BallTable) + kHarmonics * width() * sizeof(float); }
 
   bool make(std::span<const BallLeaf* const> leaves, const std::atomic<bool>& cancel, Workspace& workspace) const;
-  void fill(const SampleQuery<3>& query, const SampleSet<3>& samples, Workspace& workspace, BallTable& table) const;
+  // False: `cancel` was seen set.
+  bool fill(const SampleQuery<3>& query, const SampleSet<3>& samples, const std::atomic<bool>& cancel,
+            Workspace& workspace, BallTable& table) const;
   void keep(const BallLeaf& leaf, BallTable& table) const;
 
   const HarmonicPrediction& inside_;

@@ -53,9 +53,9 @@ bool CorrectedEstimator::correct(std::span<const Vec<3>> points, const std::atom
   return true;
 }
 
-double CorrectedEstimator::correct_inside(const CorrectedPoint& place, const SampleQuery<3>& query,
-                                          const SampleSet<3>& samples, Workspace& workspace,
-                                          std::span<float> correction) const {
+std::optional<double> CorrectedEstimator::correct_inside(const CorrectedPoint& place, const SampleQuery<3>& query,
+                                                         const SampleSet<3>& samples, const std::atomic<bool>& cancel,
+                                                         Workspace& workspace, std::span<float> correction) const {
   const size_t walks = place.counts.started;
   // On the cage values follow from gradients, and do not depend on whether those were asked for.
   const bool slopes =
@@ -66,13 +66,11 @@ double CorrectedEstimator::correct_inside(const CorrectedPoint& place, const Sam
     workspace.first_steps.start(workspace.directions, query.radius, columns());
   }
   workspace.missing.assign(columns(), 0.0);
-  workspace.at_ends.find(*inside_, samples.samples);
-  for (size_t k = 0; k < samples.samples.size(); ++k) {
-    workspace.found.assign(columns(), 0.0);
-    workspace.at_ends.add(k, workspace.found);
-    for (size_t v = 0; v < columns(); ++v) workspace.missing[v] += workspace.found[v];
-    if (slopes) workspace.first_steps.add(k, workspace.found);
-  }
+  const auto add = [&](size_t k, std::span<const double> found) {
+    for (size_t v = 0; v < columns(); ++v) workspace.missing[v] += found[v];
+    if (slopes) workspace.first_steps.add(k, found);
+  };
+  if (!workspace.at_ends.visit(*inside_, samples.samples, cancel, add)) return std::nullopt;
   for (size_t v = 0; v < columns(); ++v)
     correction[v] = static_cast<float>(workspace.missing[v] / static_cast<double>(walks));
   return slopes ? workspace.first_steps.finish(workspace.missing, correction.subspan(columns())) : 0.0;
@@ -100,10 +98,12 @@ bool CorrectedEstimator::correct_once(std::span<const Vec<3>> points, uint64_t s
   for (const size_t i : workspace.walkers) {
     if (workspace.samples[i].samples.empty()) places[i].flags |= kRowNoSamples;
     if (places[i].elsewhere) continue;
-    workspace.noise[i] = correct_inside(places[i], workspace.queries[i], workspace.samples[i], workspace,
-                                        corrections.subspan(i * row_size(), row_size()));
+    const std::optional<double> noise = correct_inside(places[i], workspace.queries[i], workspace.samples[i], cancel,
+                                                       workspace, corrections.subspan(i * row_size(), row_size()));
+    if (!noise) return false;
+    workspace.noise[i] = *noise;
   }
-  if (any_elsewhere) correct_moments(places, workspace, corrections);
+  if (any_elsewhere && !correct_moments(places, cancel, workspace, corrections)) return false;
   return tables_ == nullptr || blend_tables(places, cancel, workspace, corrections);
 }
 
@@ -208,8 +208,8 @@ void CorrectedEstimator::predict(std::span<const CorrectedPoint> places, bool el
   if (!workspace.chosen.empty()) prediction(elsewhere).evaluate(workspace.points, gradients, workspace.rows);
 }
 
-void CorrectedEstimator::correct_moments(std::span<CorrectedPoint> points, Workspace& workspace,
-                                         std::span<float> corrections) const {
+bool CorrectedEstimator::correct_moments(std::span<CorrectedPoint> points, const std::atomic<bool>& cancel,
+                                         Workspace& workspace, std::span<float> corrections) const {
   workspace.chosen.clear();
   for (size_t i = 0; i < points.size(); ++i)
     if (points[i].elsewhere) workspace.chosen.push_back(i);
@@ -221,8 +221,10 @@ void CorrectedEstimator::correct_moments(std::span<CorrectedPoint> points, Works
     const size_t i = workspace.chosen[k];
     std::vector<double>& missing = workspace.missing;
     missing.assign(static_cast<size_t>(elsewhere_->columns()), 0.0);
-    workspace.at_ends.find(*elsewhere_, workspace.samples[i].samples);
-    for (size_t walk = 0; walk < workspace.samples[i].samples.size(); ++walk) workspace.at_ends.add(walk, missing);
+    const auto add = [&](size_t, std::span<const double> found) {
+      for (size_t c = 0; c < found.size(); ++c) missing[c] += found[c];
+    };
+    if (!workspace.at_ends.visit(*elsewhere_, workspace.samples[i].samples, cancel, add)) return false;
     BoundaryData::Row moments = row_of(workspace.rows.values, static_cast<Eigen::Index>(k));
     const bool spans = project_moments(points[i].origin, moments, {}, n, predicted, no_gradients);
     const double mass = moments.head(n).sum();
@@ -240,6 +242,7 @@ void CorrectedEstimator::correct_moments(std::span<CorrectedPoint> points, Works
       row[v] = static_cast<float>(corrected[c] - predicted[c]);
     }
   }
+  return true;
 }
 
 // From moments and their gradients to coordinates and theirs.

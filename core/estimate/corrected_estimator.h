@@ -18,6 +18,7 @@
 #include <array>
 #include <atomic>
 #include <functional>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -71,7 +72,7 @@ class CorrectedEstimator {
     std::vector<size_t> chosen;  // places of one side, or with tables
     std::vector<Vec<3>> points;
     MissingAtEnds at_ends;
-    std::vector<double> missing, found;
+    std::vector<double> missing;
     std::vector<Vec<3>> directions;
     FirstSteps first_steps;
     std::vector<double> noise;  // of the corrections' gradients, by point: their squared length's mean
@@ -115,9 +116,10 @@ class CorrectedEstimator {
   // Gradients as they come, with their noise.
   bool correct_once(std::span<const Vec<3>> points, uint64_t seed, const std::atomic<bool>& cancel,
                     Workspace& workspace, std::span<CorrectedPoint> places, std::span<float> corrections) const;
-  // What walks from a point inside found. Returns the noise of its gradient.
-  double correct_inside(const CorrectedPoint& place, const SampleQuery<3>& query, const SampleSet<3>& samples,
-                        Workspace& workspace, std::span<float> correction) const;
+  // What walks from a point inside found. Returns the noise of its gradient; nothing: `cancel` was seen set.
+  std::optional<double> correct_inside(const CorrectedPoint& place, const SampleQuery<3>& query,
+                                       const SampleSet<3>& samples, const std::atomic<bool>& cancel,
+                                       Workspace& workspace, std::span<float> correction) const;
   // Of row i, its partial derivatives, or nothing.
   std::span<float> gradient(std::span<float> corrections, size_t i) const {
     return corrections.subspan(i * row_size() + columns(), row_size() - columns());
@@ -133,7 +135,8 @@ class CorrectedEstimator {
   void predict(std::span<const CorrectedPoint> places, bool elsewhere, bool gradients, Workspace& workspace) const;
   void project(const Vec<3>& origin, Rows& rows) const;
   void finish(const Vec<3>& x, const CorrectedPoint& place, std::span<const float> correction, Rows& rows) const;
-  void correct_moments(std::span<CorrectedPoint> points, Workspace& workspace, std::span<float> corrections) const;
+  bool correct_moments(std::span<CorrectedPoint> points, const std::atomic<bool>& cancel, Workspace& workspace,
+                       std::span<float> corrections) const;
 
   const Cage<3>& cage_;
   Locator<3> locator_;

@@ -2,9 +2,7 @@
 
 namespace barycast {
 
-void MissingAtEnds::find(const HarmonicPrediction& prediction, std::span<const Sample<3>> samples) {
-  prediction_ = &prediction;
-  samples_ = samples;
+void MissingAtEnds::evaluate_rough(const HarmonicPrediction& prediction, std::span<const Sample<3>> samples) {
   row_.clear();
   if (!prediction.has_rough()) return;
   ends_.clear();
@@ -17,12 +15,12 @@ void MissingAtEnds::find(const HarmonicPrediction& prediction, std::span<const S
   prediction.evaluate_missing(ends_, rows_);
 }
 
-void MissingAtEnds::add(size_t k, std::span<double> sums) const {
-  const Sample<3>& sample = samples_[k];
+void MissingAtEnds::find(const HarmonicPrediction& prediction, const Sample<3>& sample, size_t k) {
+  missing_.assign(static_cast<size_t>(prediction.columns()), 0.0);
   if (row_.empty() || row_[k] == kFromTable)
-    return prediction_->add_missing(sample.element, sample.shares, sample.weight, sums);
-  const auto found = rows_.row(row_[k]);
-  for (size_t c = 0; c < sums.size(); ++c) sums[c] += sample.weight * double{found[static_cast<Eigen::Index>(c)]};
+    return prediction.add_missing(sample.element, sample.shares, sample.weight, missing_);
+  const auto row = rows_.row(row_[k]);
+  for (size_t c = 0; c < missing_.size(); ++c) missing_[c] = sample.weight * double{row[static_cast<Eigen::Index>(c)]};
 }
 
 }  // namespace barycast

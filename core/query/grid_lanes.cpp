@@ -78,15 +78,6 @@ HWY_INLINE hn::Mask<Tag> lookup(const GridLattice& lattice, const Point& p, Ints
   return in;
 }
 
-// Squared bounds of a list, the least of every lane.
-HWY_INLINE Floats least_of_list(const GridTables& grid, uint32_t cell, const Point& p) {
-  const uint32_t* block = grid.lists.data() + grid_list_begin(cell) + 1;
-  const uint32_t* const end = block + grid_list_length(cell);
-  Floats least = bound(grid.blocks[*block], p);
-  for (++block; block < end; ++block) least = hn::Min(least, bound(grid.blocks[*block], p));
-  return least;
-}
-
 // Of positions in cells without a list.
 float far_radius(const GridTables& grid, uint32_t cell, float x, float y, float z) {
   if (cell == kNoCell) return kNotInGrid;

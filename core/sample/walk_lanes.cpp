@@ -82,8 +82,9 @@ HWY_INLINE hn::Vec<KeyTag> keys_before(const int16_t* key, size_t count, size_t 
   auto before = hn::Set(kKeyTag, static_cast<int16_t>(begin));
   for (size_t j = 0; j < begin; ++j) before = hn::Add(before, less(own, hn::Set(kKeyTag, key[j])));
   for (size_t j = begin; j < end; ++j) {
+    // From the key and not to the own ones, of which the largest is the largest there is.
     const auto above = hn::LoadU(kKeyTag, kLanesAbove.data() + kKeyLanes - 1 - (j - begin));
-    before = hn::Sub(before, less(hn::Set(kKeyTag, key[j]), hn::Add(own, above)));
+    before = hn::Sub(before, less(hn::Sub(hn::Set(kKeyTag, key[j]), above), own));
   }
   for (size_t j = end; j < count; ++j) before = hn::Sub(before, less(hn::Set(kKeyTag, key[j]), own));
   return before;
@@ -282,12 +283,13 @@ constexpr uint32_t kGoldenStep = 0x9E3779B9u;
 
 void lattice_numbers(const WalkArrays& walks, std::span<const LatticeWalks> queries, int dimensions,
                      const CurveKeys& keys, uint32_t* first, uint32_t* second) {
-  if (queries.empty()) return;
+  const auto along_curve = [](const LatticeWalks& some) { return some.order == LatticeWalks::kAlongCurve; };
   const LatticeSteps steps{dimensions == 1 ? kGoldenStep : kLatticeSteps[0], kLatticeSteps[1]};
-  HWY_DYNAMIC_DISPATCH(curve_keys)(walks, queries.back().begin + queries.back().count, keys.fine, keys.coarse);
+  if (std::any_of(queries.begin(), queries.end(), along_curve))
+    HWY_DYNAMIC_DISPATCH(curve_keys)(walks, queries.back().begin + queries.back().count, keys.fine, keys.coarse);
   HWY_DYNAMIC_DISPATCH(counted_numbers)(queries, keys.coarse, steps, first, second);
   for (const LatticeWalks& some : queries) {
-    if (some.order == LatticeWalks::kInOrder || some.count <= kWalksCountedMax) continue;
+    if (!along_curve(some) || some.count <= kWalksCountedMax) continue;
     ranks_by_sorting(keys.fine + some.begin, some.count, keys.rank);
     for (size_t i = 0; i < some.count; ++i) {
       first[some.begin + i] = keys.rank[i] * steps.first + some.shift[0];

@@ -6,10 +6,18 @@
 
 #include "base/parallel.h"
 #include "solve/closed.h"
+#include "solve/cuts.h"
 #include "solve/panel_potential.h"
 
 namespace barycast {
 namespace {
+
+// Whether potentials of dipoles, which jump across the cage, can be told apart from those of the other side.
+bool has_two_sides(const Cage<3>& cage) {
+  if (!is_closed(cage)) return false;
+  const std::vector<uint8_t> cut = cut_elements(cage);
+  return std::find(cut.begin(), cut.end(), 1) == cut.end();
+}
 
 constexpr size_t kTile = static_cast<size_t>(TiledCholesky::kTile);
 constexpr size_t kPanelsPerTile = kTile / 3;
@@ -49,7 +57,7 @@ BoundarySolver::BoundarySolver(const Cage<3>& cage, Panels panels, BoundarySides
       data_(cage, sides != BoundarySides::kInside),
       dipoles_(cage, kernels_.panels(), data_),
       matrix_(3 * kernels_.panels().panels.size()) {
-  const bool inside = sides != BoundarySides::kElsewhere && is_closed(cage);
+  const bool inside = sides != BoundarySides::kElsewhere && has_two_sides(cage);
   if (inside) densities_.inside.resize(DensityColumn::groups(data_.basis_count()));
   if (sides != BoundarySides::kInside || !inside) densities_.indirect.resize(DensityColumn::groups(data_));
   dipoles_done_ = inside ? 0 : BoundarySolver::panels().size();

@@ -5,6 +5,7 @@
 #include <atomic>
 
 #include "base/parallel.h"
+#include "base/tolerances.h"
 
 namespace barycast {
 namespace {
@@ -29,21 +30,28 @@ std::vector<FlatTriangle> flat_triangles(const Cage<3>& cage) {
   return result;
 }
 
+// Rounding alone makes corners of flat pieces of the cage stand out by 1e-16.
+constexpr double kDepthMin = 0.1 * kThicknessDefault;
+
 bool passes_through(const Vec<3>& from, const Vec<3>& to, const FlatTriangle& triangle) {
   if ((from.cwiseMax(to).array() < triangle.low.array()).any() ||
       (from.cwiseMin(to).array() > triangle.high.array()).any())
     return false;
   const auto& c = triangle.corners;
-  if (std::any_of(c.begin(), c.end(), [&](const Vec<3>& corner) { return corner == from || corner == to; }))
-    return false;
-  // Six times the volumes of tetrahedra: the ends are on two sides of the plane, the line on one of the three edges.
+  const Vec<3> normal = (c[1] - c[0]).cross(c[2] - c[0]).normalized();
+  const double above = normal.dot(from - c[0]), below = normal.dot(to - c[0]);
+  if (!(std::min(above, below) < -kDepthMin && std::max(above, below) > kDepthMin)) return false;
+  // Six times the volumes of tetrahedra: the line is on one side of all three edges.
   const auto volume = [](const Vec<3>& a, const Vec<3>& b, const Vec<3>& d) { return a.cross(b).dot(d); };
-  const Vec<3> side0 = c[1] - c[0], side1 = c[2] - c[0];
-  if (volume(side0, side1, from - c[0]) * volume(side0, side1, to - c[0]) > 0) return false;
   const Vec<3> along = to - from, a = c[0] - from, b = c[1] - from, d = c[2] - from;
-  const std::array sides = {volume(a, b, along), volume(b, d, along), volume(d, a, along)};
-  const auto [least, most] = std::minmax_element(sides.begin(), sides.end());
-  return (*least >= 0 || *most <= 0) && *least != *most;
+  const auto [least, most] = std::minmax({volume(a, b, along), volume(b, d, along), volume(d, a, along)});
+  return (least >= 0 || most <= 0) && least != most;
+}
+
+bool has_corner(const Cage<3>& cage, const Element& element, const Vec<3>& x) {
+  for (int i = 0; i < element.corner_count(); ++i)
+    if (cage.corner(element, i) == x) return true;
+  return false;
 }
 
 }  // namespace
@@ -59,12 +67,22 @@ std::vector<uint8_t> cut_elements(const Cage<3>& cage) {
         const Vec<3>&from = cage.corner(element, k), &to = cage.corner(element, (k + 1) % element.corner_count());
         for (const FlatTriangle& triangle : triangles) {
           if (triangle.element == e || !passes_through(from, to, triangle)) continue;
+          const Element& other = cage.elements()[triangle.element];
+          if (has_corner(cage, other, from) || has_corner(cage, other, to)) continue;
           mark(triangle.element);
           mark(static_cast<uint32_t>(e));
         }
       }
     }
   });
+  // A box that dips into a face with its bottom is cut at its sides, next to the bottom.
+  std::vector<bool> marked(cage.node_count(), false);
+  for (size_t e = 0; e < cut.size(); ++e)
+    for (int k = 0; cut[e] != 0 && k < cage.elements()[e].corner_count(); ++k)
+      marked[cage.elements()[e].node[static_cast<size_t>(k)]] = true;
+  for (size_t e = 0; e < cut.size(); ++e)
+    for (int k = 0; k < cage.elements()[e].corner_count(); ++k)
+      if (marked[cage.elements()[e].node[static_cast<size_t>(k)]]) cut[e] = 1;
   return cut;
 }
 

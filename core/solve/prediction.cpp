@@ -18,9 +18,9 @@ constexpr size_t kPanelsLeast = 300, kPanelsPerTriangle = 2;
 constexpr size_t kNodes = 12'000;
 constexpr size_t kNodesPerTask = 64;
 // How far off that table may be between its nodes, by its own account, before the missing is evaluated instead. Next to
-// edges it is off by up to .02, where few walks end: evaluated there they would take ten times as long, and E would not
-// change. Where elements cut each other it is off by as much as coordinates are, with 4e-2 still by .18 at points next
-// to the cut of two boxes, with 4e-3 by .001.
+// edges it is off by some hundredths, where few walks end: evaluated there they would take up to ten times as long, and
+// E would not change. Where elements cut each other it is off by as much as coordinates are; points next to the cut of
+// two boxes were still off by .18 with 4e-2, by .001 with 4e-3.
 constexpr double kRough = 8e-2, kRoughOfCut = 4e-3;
 
 uint32_t panels_wanted(size_t triangles) {
@@ -89,9 +89,13 @@ void HarmonicPrediction::find_missing() {
   missing_.find_rough(tolerance);
 }
 
-void HarmonicPrediction::evaluate_missing(std::span<const ResidualTable::Node> at, Rows::Table& missing) const {
+void HarmonicPrediction::evaluate_missing(std::span<const ResidualTable::Node> on_cage, Rows::Table& missing) const {
+  std::vector<ResidualTable::Node> at;
   std::vector<Vec<3>> points;
-  for (const auto& [element, shares] : at) points.push_back(point_at(cage_, cage_.elements()[element], shares));
+  for (const auto& [element, shares] : on_cage) {
+    at.push_back(missing_.inset(element, shares));
+    points.push_back(point_at(cage_, cage_.elements()[element], at.back().shares));
+  }
   Rows rows;
   sums_.evaluate(points, columns(), false, rows);
   missing.resize(rows.values.rows(), columns());

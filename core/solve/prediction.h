@@ -10,9 +10,10 @@
 // solve/boundary_data.h, from which the projection makes coordinates.
 //
 // Not corrected is what straight lines between the nodes of the table of what is missing leave out: less than .001 of
-// coordinates, for on elements that cut each other it is evaluated where it bends more. Nor are the roundings of floats: closed cages thinner than a thousandth of their
-// diagonal are lost in them seen from outside (a box of 2 x 2 x .002: coordinates of 350 are off by 140). Outside,
-// panels of a twisted quad may lie on the other side of a point next to it: there slopes are those of that side.
+// coordinates, for on elements that cut each other it is evaluated where it bends more. Nor are the roundings of
+// floats: closed cages thinner than a thousandth of their diagonal are lost in them seen from outside (a box of 2 x 2 x
+// .002: coordinates of 350 are off by 140). Outside, panels of a twisted quad may lie on the other side of a point next
+// to it: there slopes are those of that side.
 //
 // Depends on the cage alone. Const and thread-safe; deterministic.
 
@@ -53,7 +54,8 @@ class HarmonicPrediction {
   void add_missing(uint32_t element, const std::array<double, 4>& shares, double weight, std::span<double> sum) const {
     missing_.add(element, shares, weight, sum);
   }
-  // Where the table says too little of it; and the same, evaluated, a row for each point of the cage.
+  // Where the table says too little of it; and the same, evaluated, a row for each point of the cage. On the border of
+  // an element that is what it is a little inside of it, for one side of the cage only.
   bool has_rough() const { return missing_.has_rough(); }
   bool is_rough(uint32_t element, const std::array<double, 4>& shares) const {
     return missing_.is_rough(element, shares);

@@ -60,10 +60,21 @@ ResidualTable::Cell ResidualTable::cell(double t) const {
   return {first, (t - position_[first]) / (position_[first + 1] - position_[first])};
 }
 
+ResidualTable::Node ResidualTable::inset(uint32_t element, const std::array<double, 4>& shares) const {
+  const auto [u, v] = parameters(element, shares);
+  const auto inside = [](double t) { return std::clamp(t, kInset, 1 - kInset); };
+  return {element, shares_at(is_quad(element), inside(u), inside(v))};
+}
+
+std::array<double, 2> ResidualTable::parameters(uint32_t element, const std::array<double, 4>& shares) const {
+  const double u = shares[1] + shares[2];
+  if (is_quad(element)) return {u, shares[2] + shares[3]};
+  return {u, u > 0 ? shares[2] / u : 0.0};  // a triangle's first corner has any v
+}
+
 std::array<ResidualTable::Cell, 2> ResidualTable::cells(uint32_t element, const std::array<double, 4>& shares) const {
-  const double of_corner = shares[1] + shares[2];  // a triangle's first corner has any v
-  if (is_quad(element)) return {cell(of_corner), cell(shares[2] + shares[3])};
-  return {cell(of_corner), cell(of_corner > 0 ? shares[2] / of_corner : 0.0)};
+  const auto [u, v] = parameters(element, shares);
+  return {cell(u), cell(v)};
 }
 
 void ResidualTable::find_rough(std::span<const double> tolerance) {

@@ -29,6 +29,8 @@ class ResidualTable {
     std::array<double, 4> shares;
   };
   Node node(size_t i) const;
+  // The nearest place of an element that is as far inside of it as nodes are.
+  Node inset(uint32_t element, const std::array<double, 4>& shares) const;
   std::span<float> row(size_t i) { return std::span(rows_).subspan(i * columns_, columns_); }
 
   // After all rows were set: finds the cells where straight lines between nodes are off by more than the tolerance of
@@ -52,6 +54,7 @@ class ResidualTable {
     double part;   // of the way to the next
   };
   Cell cell(double t) const;
+  std::array<double, 2> parameters(uint32_t element, const std::array<double, 4>& shares) const;
   // Along both parameters.
   std::array<Cell, 2> cells(uint32_t element, const std::array<double, 4>& shares) const;
   size_t steps() const { return position_.size() - 1; }

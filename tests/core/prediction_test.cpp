@@ -3,8 +3,10 @@
 #include "solve/prediction.h"
 
 #include <gtest/gtest.h>
+#include <hwy/targets.h>
 
 #include "estimate/corrected_estimator.h"
+#include "estimate/missing_at_ends.h"
 #include "query/element_distance.h"
 #include "support/seeds.h"
 
@@ -268,15 +270,24 @@ INSTANTIATE_TEST_SUITE_P(
                       Case{"cuts_itself", testing::joined(testing::box(), testing::small_box(0.8, 0.7, 0.6))}),
     [](const auto& info) { return std::string(info.param.name); });
 
-// What a prediction misses jumps and bends along the cut, where its table has no nodes.
-TEST(PredictedRows, AreUnbiasedNextToACut) {
-  const auto index = testing::make_index(testing::joined(testing::box(), testing::small_box(0.8, 0.7, 0.6)));
+Shape two_boxes() {
+  return testing::joined(testing::box(), testing::small_box(0.8, 0.7, 0.6));
+}
+// Next to where they cut each other: the face x = 1, and the small box's z = 0.1 and y = 0.2.
+std::vector<double> next_to_the_cut() {
   std::vector<double> points;
   for (int i = 0; i < 8; ++i) {
     const double along = 0.3 + 0.08 * i, off = i % 2 == 0 ? 0.012 : -0.015;
-    points.insert(points.end(), {1.0 - 0.02, along, 0.1 + off});  // the face x = 1 and the small box's z = 0.1
+    points.insert(points.end(), {1.0 - 0.02, along, 0.1 + off});
     points.insert(points.end(), {1.0 + 0.015, 0.2 - off, along});
   }
+  return points;
+}
+
+// What a prediction misses jumps and bends along the cut, where its table has no nodes.
+TEST(PredictedRows, AreUnbiasedNextToACut) {
+  const auto index = testing::make_index(two_boxes());
+  const std::vector<double> points = next_to_the_cut();
   const QueryInput queries = testing::loose_points(points);
   Options options{.estimator = Estimator::kSampling, .samples = 4000, .thickness = 1e-4, .prune_below = 0.0};
   const OverSeeds plain = testing::over_seeds(index, queries, options, 4);
@@ -289,6 +300,73 @@ TEST(PredictedRows, AreUnbiasedNextToACut) {
             1.6 * (plain.noise + predicted.noise) + kPoints * kBias * kBias);
   EXPECT_LT(plain.noise / kPoints, 0.01 * 0.01);
   EXPECT_LT(predicted.noise / kPoints, 0.01 * 0.01);
+}
+
+TEST(PredictedRows, NextToACutHaveTheSameBits) {
+  const auto index = testing::make_index(two_boxes());
+  const std::vector<double> points = next_to_the_cut();
+  Options options{.estimator = Estimator::kPredicted, .gradients = true};
+  const RowBlock rows = testing::bind_or_die(index, testing::loose_points(points), options);
+  hwy::SetSupportedTargetsForTest(HWY_AVX2);
+  const RowBlock narrow =
+      testing::bind_or_die(testing::make_index(two_boxes()), testing::loose_points(points), options);
+  hwy::SetSupportedTargetsForTest(0);
+  EXPECT_EQ(rows.values, narrow.values);
+  EXPECT_EQ(rows.gradients, narrow.gradients);
+  for (size_t i = 0; i < rows.row_count(); ++i) {
+    const RowBlock alone = testing::bind_or_die(
+        index, testing::loose_points({points[3 * i], points[3 * i + 1], points[3 * i + 2]}), options);
+    EXPECT_TRUE(std::ranges::equal(alone.values, std::span(rows.values).subspan(rows.offsets[i], alone.values.size())));
+  }
+}
+
+// In a table's cells and on their elements' borders alike: there it is that of one side.
+TEST(Prediction, MissesTheSameByTableAndEvaluated) {
+  for (const Shape& shape : {testing::box(), testing::bent_prism()}) {
+    const auto index = testing::make_index(shape);
+    const auto& structures = structures_of(*index);
+    const auto prediction =
+        HarmonicPrediction::create(structures.cage, *structures.walks, BoundarySides::kInside).value();
+    std::vector<ResidualTable::Node> places;
+    for (uint32_t e = 0; e < structures.cage.elements().size(); ++e)
+      for (const double u : {0.0, 1e-6, 0.3, 1.0})
+        for (const double v : {0.0, 0.7, 1.0})
+          places.push_back({e, {(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v}});
+    HarmonicPrediction::Rows::Table missing;
+    prediction->evaluate_missing(places, missing);
+    for (size_t i = 0; i < places.size(); ++i) {
+      std::vector<double> from_table(static_cast<size_t>(prediction->columns()), 0.0);
+      prediction->add_missing(places[i].element, places[i].shares, 1.0, from_table);
+      for (Eigen::Index c = 0; c < prediction->columns(); ++c)
+        ASSERT_NEAR(double{missing(static_cast<Eigen::Index>(i), c)}, from_table[static_cast<size_t>(c)], 0.02)
+            << i << ", column " << c;
+    }
+  }
+}
+
+TEST(Prediction, MissingAtEndsStopsWhenCancelled) {
+  const auto index = testing::make_index(two_boxes());
+  const auto& structures = structures_of(*index);
+  const auto prediction =
+      HarmonicPrediction::create(structures.cage, *structures.walks, BoundarySides::kInside).value();
+  std::vector<Sample<3>> samples(1000);
+  for (size_t k = 0; k < samples.size(); ++k)
+    samples[k] = {Vec<3>::Zero(), 1.0, {0.25, 0.25, 0.25, 0.25}, static_cast<uint32_t>(k % 12), SampleEnd::kArrived};
+  MissingAtEnds at_ends;
+  std::atomic<bool> cancel = false;
+  size_t found = 0;
+  const auto count = [&](size_t k, std::span<const double> missing) {
+    EXPECT_EQ(k, found++);
+    EXPECT_EQ(missing.size(), static_cast<size_t>(prediction->columns()));
+  };
+  EXPECT_TRUE(at_ends.visit(*prediction, samples, cancel, count));
+  EXPECT_EQ(found, samples.size());
+  found = 0;
+  EXPECT_FALSE(at_ends.visit(*prediction, samples, cancel, [&](size_t, std::span<const double>) {
+    ++found;
+    cancel = true;
+  }));
+  EXPECT_LT(found, 200u);
 }
 
 }  // namespace

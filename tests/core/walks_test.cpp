@@ -1,6 +1,9 @@
 // The laws that walks are made of, by their moments over many counters.
 
 #include <gtest/gtest.h>
+#include <hwy/targets.h>
+#include <algorithm>
+#include <random>
 
 #include <numeric>
 
@@ -70,6 +73,71 @@ void expect_uniform_directions() {
 TEST(Directions, AreUniform) {
   expect_uniform_directions<2>();
   expect_uniform_directions<3>();
+}
+
+// Numbers of walks are those of their ranks along the curve, equal ones in order, whatever other queries walk along;
+// beyond the cube of the curve, too, where keys are the largest that there are.
+void expect_ranks_of_sorting(std::span<const size_t> counts, double spread) {
+  size_t total = 0;
+  std::vector<LatticeWalks> queries;
+  for (const size_t count : counts) {
+    const auto seed = static_cast<uint32_t>(queries.size());
+    queries.push_back({total, count, {seed * 77u + 5u, seed * 1234567u}, LatticeWalks::kAlongCurve});
+    if (queries.size() % 5 == 4) queries.back() = {total, count, {1u, 2u}, LatticeWalks::kInOrder, 9};
+    total += count;
+  }
+  const size_t size = total + 4 * kWalkLanes;
+  std::vector<float> x(size), y(size), z(size), radius(size);
+  std::mt19937 random(static_cast<uint32_t>(total));
+  std::uniform_real_distribution<double> uniform(-spread, spread);
+  for (size_t i = 0; i < total; ++i)
+    for (auto* const axis : {&x, &y, &z}) (*axis)[i] = static_cast<float>(uniform(random));
+  std::vector<uint32_t> walk(size), hint(size), fine(size), rank(size), first(size), second(size);
+  std::vector<int16_t> coarse(size);
+  lattice_numbers({x.data(), y.data(), z.data(), radius.data(), walk.data(), hint.data()}, queries, 2,
+                  {fine.data(), rank.data(), coarse.data()}, first.data(), second.data());
+  for (const LatticeWalks& some : queries) {
+    std::vector<uint32_t> order(some.count);
+    std::iota(order.begin(), order.end(), 0u);
+    const auto key = [&](uint32_t i) {
+      return some.count <= kWalksCountedMax ? fine[some.begin + i] >> 15 : fine[some.begin + i];
+    };
+    if (some.order == LatticeWalks::kAlongCurve)
+      std::stable_sort(order.begin(), order.end(), [&](uint32_t a, uint32_t b) { return key(a) < key(b); });
+    // The lattice starts at its shift, and one step apart are the numbers of walks in order.
+    const uint32_t step0 = 0xC13FA9A9u, step1 = 0x91E10DA5u;
+    for (uint32_t r = 0; r < some.count; ++r) {
+      const size_t i = some.begin + order[r];
+      ASSERT_EQ(first[i], (some.first_rank + r) * step0 + some.shift[0]) << "rank " << r << " of " << some.count;
+      ASSERT_EQ(second[i], (some.first_rank + r) * step1 + some.shift[1]) << "rank " << r << " of " << some.count;
+    }
+  }
+}
+
+TEST(Lattice, NumbersAreThoseOfRanks) {
+  const std::vector<size_t> counts = {1, 16, 17, 600, 3, 255, 256, 257, 31, 33, 2, 50, 64, 300, 15};
+  for (const int64_t targets : {int64_t{0}, int64_t{HWY_AVX2}}) {
+    hwy::SetSupportedTargetsForTest(targets);
+    for (const double spread : {1e-4, 0.05, 0.7, 1.4}) expect_ranks_of_sorting(counts, spread);
+    expect_ranks_of_sorting(std::array<size_t, 1>{40}, 0.0);
+    hwy::SetSupportedTargetsForTest(0);
+  }
+}
+
+// All where the curve ends.
+TEST(Lattice, NumbersDifferWhereKeysAreTheLargest) {
+  for (const int64_t targets : {int64_t{0}, int64_t{HWY_AVX2}}) {
+    hwy::SetSupportedTargetsForTest(targets);
+    const size_t count = 40, size = count + 4 * kWalkLanes;
+    std::vector<float> at(size, 0.74f), radius(size);
+    std::vector<uint32_t> unused(size), fine(size), rank(size), first(size), second(size);
+    std::vector<int16_t> coarse(size);
+    const LatticeWalks walks{0, count, {0, 0}, LatticeWalks::kAlongCurve};
+    lattice_numbers({at.data(), at.data(), at.data(), radius.data(), unused.data(), unused.data()}, {&walks, 1}, 2,
+                    {fine.data(), rank.data(), coarse.data()}, first.data(), second.data());
+    for (uint32_t i = 0; i < count; ++i) EXPECT_EQ(first[i], i * 0xC13FA9A9u);
+    hwy::SetSupportedTargetsForTest(0);
+  }
 }
 
 // The vector code draws the numbers that QueryRandom does.
