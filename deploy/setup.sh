@@ -27,7 +27,7 @@ if [ "$mode" = --container ]; then
   packages+=(podman podman-compose runc catatonit containernetworking-plugins iptables mmdebstrap shellcheck qemu-user)
   command -v npm >/dev/null || packages+=(npm)  # where it comes from elsewhere, it stays
   if ! command -v kubectl >/dev/null; then
-    echo "setup: kubectl 1.21 or later must be on PATH; Debian 12 packages none (kubernetes-client is 1.20)" >&2
+    echo "setup: kubectl 1.22 or later must be on PATH; Debian 12 packages none (kubernetes-client is 1.20)" >&2
     exit 1
   fi
 fi

@@ -18,7 +18,8 @@ namespace barycast::server {
 
 class HearOut {
  public:
-  // A megabyte and more on the slowest network, several hundred on a fast one.
+  // A megabyte and more on the slowest network, several hundred of them on a fast one. Who still sends then may not
+  // learn why it was refused.
   static constexpr std::chrono::milliseconds kMax{1000};
 
   explicit HearOut(const grpc::CallbackServerContext& context)

@@ -44,6 +44,11 @@ function selects(selector, labels) {
   return Object.entries(selector).every(([name, value]) => labels[name] === value);
 }
 
+// A peer of a NetworkPolicy that does not stand for everybody.
+function selectsSome(peer) {
+  return Object.values(peer).some((selector) => Object.keys(selector.matchLabels ?? {}).length > 0);
+}
+
 function checkDeployment(deployment) {
   const { spec, metadata } = deployment.spec.template;
   const [container] = spec.containers;
@@ -63,6 +68,9 @@ function checkDeployment(deployment) {
   if (!security.runAsNonRoot || !security.readOnlyRootFilesystem || security.allowPrivilegeEscalation !== false ||
       security.seccompProfile?.type !== "RuntimeDefault" || !security.capabilities?.drop.includes("ALL"))
     fail("a pod is not confined");
+  if (!(security.runAsUser > 0) || spec.automountServiceAccountToken !== false) fail("a pod is root, or has a token");
+  const { periodSeconds, failureThreshold } = container.livenessProbe;
+  if (!(periodSeconds * failureThreshold >= 30)) fail("liveness gives up within half a minute");
   const { requests, limits } = container.resources;
   if (!requests.cpu || !limits.cpu || !limits.memory || requests.memory !== limits.memory)
     fail("resources are not stated, or memory is overcommitted");
@@ -82,8 +90,13 @@ function checkTogether(objects) {
   }
   for (const budget of of("PodDisruptionBudget"))
     if (!selects(budget.spec.selector.matchLabels, labels)) fail("the PodDisruptionBudget selects no pod");
+  for (const budget of of("PodDisruptionBudget"))
+    if (budget.spec.maxUnavailable !== 1) fail("the PodDisruptionBudget lets several pods go");
   for (const policy of of("NetworkPolicy")) {
     if (!selects(policy.spec.podSelector.matchLabels, labels)) fail("the NetworkPolicy selects no pod");
+    const open = policy.spec.ingress.some(({ from }) => !(from?.length > 0) || !from.every(selectsSome));
+    if (open || policy.spec.egress?.length !== 0 || !policy.spec.policyTypes.includes("Egress"))
+      fail("the NetworkPolicy is open");
     const opened = policy.spec.ingress.flatMap((rule) => rule.ports.map(({ port }) => port));
     const closed = opened.find((port) => !ports.some(({ containerPort }) => containerPort === port));
     if (closed) fail(`the NetworkPolicy opens ${closed}, which nobody has`);
@@ -104,6 +117,13 @@ async function selfTest(objects) {
     [/30 s to end/, (all) => { all.Deployment.spec.template.spec.terminationGracePeriodSeconds = 30; }],
     [/no port http/, (all) => { all.Service.spec.ports[0].targetPort = "http"; }],
     [/no livenessProbe/, (all) => { delete all.Deployment.spec.template.spec.containers[0].livenessProbe; }],
+    [/is root/, (all) => { all.Deployment.spec.template.spec.securityContext.runAsUser = 0; }],
+    [/has a token/, (all) => { all.Deployment.spec.template.spec.automountServiceAccountToken = true; }],
+    [/gives up/, (all) => { all.Deployment.spec.template.spec.containers[0].livenessProbe.failureThreshold = 1; }],
+    [/several pods/, (all) => { all.PodDisruptionBudget.spec.maxUnavailable = "100%"; }],
+    [/is open/, (all) => { delete all.NetworkPolicy.spec.ingress[0].from; }],
+    [/is open/, (all) => { all.NetworkPolicy.spec.ingress[0].from = [{ podSelector: {} }]; }],
+    [/is open/, (all) => { delete all.NetworkPolicy.spec.egress; }],
     [/no NetworkPolicy/, (all, list) => { list.splice(list.indexOf(all.NetworkPolicy), 1); }],
   ];
   for (const [reason, change] of changes) {

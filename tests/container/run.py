@@ -113,21 +113,22 @@ def memory(image: str, client: Client) -> str:
         large, pair = client.folder / "crowd.obj", client.folder / "pair.obj"
         write_crowd(client.model, large, 6)
         write_crowd(client.model, pair, 2)
-        code, said = ended(client.begin_bind("refused", "--server", container.address, model=large))
-        check(code == 3 and "more than this server's limit" in said, f"a job over the limit ended with {code}: {said}")
         # As much as it admits at once, and more: busy answers are retried.
         server = ["--server", container.address, "--retry-seconds", 120]
         kinds = [({"model": pair}, []), ({}, ["--gradients"]), ({}, ["--denoise", "none", "--gradients"]),
                  ({}, ["--tables"]), ({}, ["--estimator", "sampling"]), ({}, ["--denoise", "none", "--samples", 100])]
         jobs = [client.begin_bind(f"job{number}", *options, *server, **files)
                 for number, (files, options) in enumerate(2 * kinds)]
+        code, said = ended(client.begin_bind("refused", "--server", container.address, model=large))
+        check(code == 3 and "more than this server's limit" in said, f"a job over the limit ended with {code}: {said}")
         for job in jobs:
             code, said = ended(job)
             check(code == 0, f"a job within the limit ended with {code}: {said}")
+        check(container.metric("barycastd_overload_refusals_total") > 0, "nothing had to wait for memory")
         peak = container.peak_bytes()
         check(peak < container.memory, f"{peak / MIB:.0f} MiB is not below the limit")
         check(container.state("Running") and not container.state("OOMKilled"), "the kernel ended it")
-        return f"a job over the limit is refused; {len(jobs)} at once, of six kinds, peak at {peak / MIB:.0f} of 512 MiB"
+        return f"a job over the limit is refused; {len(jobs)} at once, of 6 kinds, peak at {peak / MIB:.0f} of 512 MiB"
 
 
 def unhealthy(image: str, client: Client) -> str:
@@ -138,6 +139,7 @@ def unhealthy(image: str, client: Client) -> str:
             check(not container.healthy(), "a server that hangs passes its health check")
             checks += 1
             check(checks < 10, "ten failed checks and still healthy")
+        check(checks > 0 and container.health() == "unhealthy", f"a server that hangs is {container.health()}")
         told("kill", "--signal", "CONT", container.id)
         wait_for(container.healthy, "it does not recover")
         check(container.health() == "healthy", f"the engine calls it {container.health()}")
@@ -204,12 +206,13 @@ def replicas(image: str, client: Client) -> str:
         job = client.begin_bind("killed", *LONG, *server)
         wait_for(lambda: any(replica.busy() for replica in both), "the job does not begin")
         victim, other = both if first.busy() else both[::-1]
+        rows_before = metrics_at(other.metrics_address)["barycastd_rows_total"]
         time.sleep(0.4 * seconds)  # so that rows have left
         check(victim.busy(), "the job was done before the replica could be killed")
         told("kill", victim.id)
         code, said = ended(job)
         check(code == 0, f"the client ended with {code}: {said}")
-        rows = metrics_at(other.metrics_address)["barycastd_rows_total"]
+        rows = metrics_at(other.metrics_address)["barycastd_rows_total"] - rows_before
         check(rows > 0 and resumed_rows(client.folder / "killed.npz"), "the other replica made no rows")
         same_bytes(client.folder / "killed.npz", client.folder / "alive.npz")
         same_bytes(client.folder / "killed.npz", client.bind("host", *LONG))
@@ -238,10 +241,16 @@ def composed(image: str, client: Client) -> str:
         check(metrics_at(metrics_address)["barycastd_serving"] == 1, "its metrics do not say that it serves")
         held = json.loads(told("inspect", "--format", "{{json .HostConfig}}", name))
         check(held["ReadonlyRootfs"] and held["Memory"] == 4096 * MIB, "it is not read-only, or has no memory limit")
+        check(held["NanoCpus"] == 2_000_000_000 and held["CapDrop"], "it has capabilities, or no CPU limit")
+        job = client.begin_bind("drained", *LONG, "--server", address, "--retry-seconds", 0)
+        wait_for(lambda: metrics_at(metrics_address)["barycastd_admitted_requests"] > 0, "the job does not begin")
+        compose("down", "-t", "75")
+        code, said = ended(job)
+        check(code == 0, f"the job that ran when it was stopped ended with {code}: {said}")
     finally:
         compose("down")
         podman("network", "rm", "--force", f"{project}_default")
-    return "deploy/compose.yaml up, healthy, bound from outside through its published port, down"
+    return "deploy/compose.yaml up, healthy, bound from outside through its published port, a job drained, down"
 
 
 def kube_played(image: str, client: Client) -> str:
@@ -308,7 +317,8 @@ def main() -> int:
     os.environ["BARYCASTD"] = str(build / "bin" / "barycastd")
     with tempfile.TemporaryDirectory() as folder, contextlib.closing(
             Client(build / "bin" / "barycast", Path(folder))) as client:
-        subprocess.run([sys.executable, "-B", str(DEPLOY / "demo" / "generate.py"), folder], check=True, stdout=subprocess.DEVNULL)
+        subprocess.run([sys.executable, "-B", str(DEPLOY / "demo" / "generate.py"), folder], check=True,
+                       stdout=subprocess.DEVNULL)
         for name in steps:
             try:
                 print(f"{name:<12} {STEPS[name](image, client)}", flush=True)

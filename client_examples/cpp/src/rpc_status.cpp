@@ -47,7 +47,8 @@ bool stream_lost(const grpc::Status& status) {
 // Code and message, as the server sent them where it did. `details`: what came with the status, or empty.
 Error read_status(const grpc::Status& status, const google::rpc::Status& details) {
   if (stream_lost(status)) {
-    if (details.code() != 0) return {.code = static_cast<Code>(details.code()), .message = details.message()};
+    if (details.code() >= 1 && details.code() <= 16)
+      return {.code = static_cast<Code>(details.code()), .message = details.message()};
     return {.code = Code::kUnavailable, .message = "the connection was lost (" + status.error_message() + ")"};
   }
   Error error{.code = static_cast<Code>(status.error_code()), .message = status.error_message()};
