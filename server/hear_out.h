@@ -4,15 +4,17 @@
 // has sent all may reset the stream and lose the status (HAProxy 2.6 does); so what still comes is read and dropped
 // first, for a bounded time. Without a proxy a refusal is sent at once.
 //
-//   refuse:      if (!hear_out.wanted()) return finish(status); give back everything; hear_out.begin(status); next read
-//   OnReadDone:  if (hear_out.begun()) ok and left() > 0 ? next read : finish(hear_out.status())
+//   refuse:      if (!hear_out.wanted()) return finish(status); give back everything; hear_out.begin(status); hear();
+//   OnReadDone:  if (hear_out.begun()) return ok ? hear() : finish(hear_out.status());
+//   hear:        drop the message; hear_out.read(timeout, cancelled, start_read, finish);
 
 #include <grpcpp/grpcpp.h>
 
-#include <algorithm>
 #include <chrono>
 #include <optional>
 #include <utility>
+
+#include "read_timeout.h"
 
 namespace barycast::server {
 
@@ -32,9 +34,14 @@ class HearOut {
   }
   bool begun() const { return status_.has_value(); }
   const grpc::Status& status() const { return *status_; }
-  std::chrono::milliseconds left() const {
+
+  // Starts the next read, or finishes with the status where there is no time left; whichever of the read and the time
+  // ends first has the call.
+  template <class StartRead, class Finish>
+  void read(ReadTimeout& timeout, bool cancelled, const StartRead& start_read, const Finish& finish) {
     const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(end_ - std::chrono::steady_clock::now());
-    return std::max(left, std::chrono::milliseconds(0));
+    if (cancelled || left.count() <= 0) return finish(*status_);
+    timeout.watch(left, start_read, [this, finish] { finish(*status_); });
   }
 
  private:

@@ -76,10 +76,9 @@ class UploadCall final : public grpc::ServerReadReactor<v1::UploadCageRequest> {
 
   void hear() {
     request_ = {};
-    const auto left = hear_out_.left();
-    if (log_.cancelled() || left.count() == 0) return send(hear_out_.status());
-    timeout_.watch(
-        left, [this] { StartRead(&request_); }, [this] { send(hear_out_.status()); });
+    hear_out_.read(
+        timeout_, log_.cancelled(), [this] { StartRead(&request_); },
+        [this](const grpc::Status& status) { send(status); });
   }
 
   std::optional<Refusal> collect() {

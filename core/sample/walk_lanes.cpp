@@ -12,15 +12,6 @@
 
 #include "query/distance_index.h"
 
-#ifndef BARYCAST_LATTICE_STEPS
-#define BARYCAST_LATTICE_STEPS
-namespace barycast {
-struct LatticeSteps {
-  uint32_t first, second;
-};
-}  // namespace barycast
-#endif
-
 HWY_BEFORE_NAMESPACE();
 namespace barycast::HWY_NAMESPACE {
 
@@ -90,14 +81,14 @@ HWY_INLINE hn::Vec<KeyTag> keys_before(const int16_t* key, size_t count, size_t 
   return before;
 }
 
-HWY_INLINE void lattice_points(Bits rank, const LatticeSteps& steps, const std::array<uint32_t, 2>& shift,
+HWY_INLINE void lattice_points(Bits rank, const std::array<uint32_t, 2>& steps, const std::array<uint32_t, 2>& shift,
                                uint32_t* first, uint32_t* second) {
-  hn::StoreU(hn::Add(hn::Mul(rank, hn::Set(kBitsTag, steps.first)), hn::Set(kBitsTag, shift[0])), kBitsTag, first);
-  hn::StoreU(hn::Add(hn::Mul(rank, hn::Set(kBitsTag, steps.second)), hn::Set(kBitsTag, shift[1])), kBitsTag, second);
+  hn::StoreU(hn::Add(hn::Mul(rank, hn::Set(kBitsTag, steps[0])), hn::Set(kBitsTag, shift[0])), kBitsTag, first);
+  hn::StoreU(hn::Add(hn::Mul(rank, hn::Set(kBitsTag, steps[1])), hn::Set(kBitsTag, shift[1])), kBitsTag, second);
 }
 
 // Of queries in their order: what is written beyond the end of one is written again by the next.
-void counted_numbers(std::span<const LatticeWalks> queries, const int16_t* key, const LatticeSteps& steps,
+void counted_numbers(std::span<const LatticeWalks> queries, const int16_t* key, const std::array<uint32_t, 2>& steps,
                      uint32_t* first, uint32_t* second) {
   const hn::Rebind<int16_t, Tag> half_tag;
   const hn::RebindToSigned<Tag> signed_tag;
@@ -284,7 +275,7 @@ constexpr uint32_t kGoldenStep = 0x9E3779B9u;
 void lattice_numbers(const WalkArrays& walks, std::span<const LatticeWalks> queries, int dimensions,
                      const CurveKeys& keys, uint32_t* first, uint32_t* second) {
   const auto along_curve = [](const LatticeWalks& some) { return some.order == LatticeWalks::kAlongCurve; };
-  const LatticeSteps steps{dimensions == 1 ? kGoldenStep : kLatticeSteps[0], kLatticeSteps[1]};
+  const std::array<uint32_t, 2> steps = {dimensions == 1 ? kGoldenStep : kLatticeSteps[0], kLatticeSteps[1]};
   if (std::any_of(queries.begin(), queries.end(), along_curve))
     HWY_DYNAMIC_DISPATCH(curve_keys)(walks, queries.back().begin + queries.back().count, keys.fine, keys.coarse);
   HWY_DYNAMIC_DISPATCH(counted_numbers)(queries, keys.coarse, steps, first, second);
@@ -292,8 +283,8 @@ void lattice_numbers(const WalkArrays& walks, std::span<const LatticeWalks> quer
     if (!along_curve(some) || some.count <= kWalksCountedMax) continue;
     ranks_by_sorting(keys.fine + some.begin, some.count, keys.rank);
     for (size_t i = 0; i < some.count; ++i) {
-      first[some.begin + i] = keys.rank[i] * steps.first + some.shift[0];
-      second[some.begin + i] = keys.rank[i] * steps.second + some.shift[1];
+      first[some.begin + i] = keys.rank[i] * steps[0] + some.shift[0];
+      second[some.begin + i] = keys.rank[i] * steps[1] + some.shift[1];
     }
   }
 }

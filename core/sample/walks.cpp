@@ -57,7 +57,7 @@ struct HarmonicWalks<D>::Pool {
 
   // Room for `walks`. Vectors read beyond the end, and write there.
   Pool(std::span<const SampleQuery<D>> of, std::span<SampleSet<D>> into, size_t walks) : queries(of), out(into) {
-    const size_t size = walks + 4 * kWalkLanes;
+    const size_t size = walks + 2 * kWalkLanes;
     for (auto* array : {&x, &y, &z, &radius}) array->resize(size);
     for (auto* array : {&walk, &hint, &key, &rank, &first, &second, &marked, &kept}) array->resize(size);
     coarse_key.resize(size);

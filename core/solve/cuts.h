@@ -10,10 +10,10 @@
 
 namespace barycast {
 
-// By element, 1 for those that an edge of another passes through, with both ends farther off than the default
-// thickness, and for those that it belongs to; but for edges that end on a corner of the element. Quads count as two
-// flat triangles. Every edge is looked at with every element, some nanoseconds each, on the threads of the calling
-// arena.
+// By element, 1 for those that an edge of another passes through, with both ends farther off than a tenth of the
+// default thickness, for those that it belongs to, and for those that share a corner with either; but for edges that
+// end on a corner of the element. Quads count as two flat triangles. Every edge is looked at with every element, some
+// nanoseconds each, on the threads of the calling arena.
 std::vector<uint8_t> cut_elements(const Cage<3>& cage);
 
 }  // namespace barycast

@@ -83,9 +83,12 @@ void HarmonicPrediction::find_missing() {
     for (size_t i = begin; i < end; ++i)
       std::copy_n(found.row(static_cast<Eigen::Index>(i - begin)).data(), columns(), missing_.row(i).data());
   });
-  const std::vector<uint8_t> cut = cut_elements(cage_);
-  std::vector<double> tolerance;
-  for (const uint8_t is_cut : cut) tolerance.push_back(is_cut != 0 ? kRoughOfCut : kRough);
+  std::vector<double> tolerance(cage_.elements().size(), kRough);
+  if (!has_dipoles()) {  // which cages that cut themselves do not have
+    const std::vector<uint8_t> cut = cut_elements(cage_);
+    std::transform(cut.begin(), cut.end(), tolerance.begin(),
+                   [](uint8_t is_cut) { return is_cut != 0 ? kRoughOfCut : kRough; });
+  }
   missing_.find_rough(tolerance);
 }
 

@@ -2,10 +2,10 @@
 
 #include <gtest/gtest.h>
 #include <hwy/targets.h>
-#include <algorithm>
-#include <random>
 
+#include <algorithm>
 #include <numeric>
+#include <random>
 
 #include "base/random.h"
 #include "query/distance_index.h"
@@ -86,7 +86,7 @@ void expect_ranks_of_sorting(std::span<const size_t> counts, double spread) {
     if (queries.size() % 5 == 4) queries.back() = {total, count, {1u, 2u}, LatticeWalks::kInOrder, 9};
     total += count;
   }
-  const size_t size = total + 4 * kWalkLanes;
+  const size_t size = total + 2 * kWalkLanes;
   std::vector<float> x(size), y(size), z(size), radius(size);
   std::mt19937 random(static_cast<uint32_t>(total));
   std::uniform_real_distribution<double> uniform(-spread, spread);
@@ -128,7 +128,7 @@ TEST(Lattice, NumbersAreThoseOfRanks) {
 TEST(Lattice, NumbersDifferWhereKeysAreTheLargest) {
   for (const int64_t targets : {int64_t{0}, int64_t{HWY_AVX2}}) {
     hwy::SetSupportedTargetsForTest(targets);
-    const size_t count = 40, size = count + 4 * kWalkLanes;
+    const size_t count = 40, size = count + 2 * kWalkLanes;
     std::vector<float> at(size, 0.74f), radius(size);
     std::vector<uint32_t> unused(size), fine(size), rank(size), first(size), second(size);
     std::vector<int16_t> coarse(size);
