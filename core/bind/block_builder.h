@@ -43,10 +43,11 @@ template <int D>
 class BlockBuilder {
  public:
   // Rows are made at most so many at a time for every thread, unpacked: more would leave the caches.
-  static constexpr size_t kRowsPerThreadMax = 64;
+  static constexpr size_t kRowsPerThread = 64;
 
   // `diagonal`: of the cage, the unit of the rows' gradients.
-  BlockBuilder(const BindingSettings& settings, double diagonal) : settings_(settings), diagonal_(diagonal) {}
+  BlockBuilder(const BindingSettings& settings, double diagonal, size_t rows_per_thread = kRowsPerThread)
+      : settings_(settings), diagonal_(diagonal), rows_per_thread_(rows_per_thread) {}
 
   // The next rows of `points` in all, as many as fill the quantum: body(first_row, rows) fills some in place, in
   // parallel, and says whether to go on. With kBlock they are in `block`, and counted in `summary`.
@@ -56,7 +57,7 @@ class BlockBuilder {
     if (next_row_ == points && block_.flags.empty()) return Binding::Step::kDone;
     const size_t room = settings_.block_rows - block_.flags.size();
     const size_t count = std::min({quantum.size(), room, points - next_row_});
-    const size_t batch = kRowsPerThreadMax * parallel_width();
+    const size_t batch = rows_per_thread_ * parallel_width();
     if (rows_.size() < std::min(batch, count)) rows_.resize(std::min(batch, count));
     const uint64_t first_row = next_row_;
     const bool complete = quantum.run(
@@ -81,6 +82,7 @@ class BlockBuilder {
 
   const BindingSettings& settings_;
   const double diagonal_;
+  const size_t rows_per_thread_;
   uint64_t next_row_ = settings_.first_row;
   RowBlock block_;
   size_t entries_held_ = 0, gradients_held_ = 0;  // what the block, or the last one, has room for

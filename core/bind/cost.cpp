@@ -7,6 +7,7 @@
 
 #include "base/tolerances.h"
 #include "bind/block_builder.h"
+#include "bind/predicted_binding.h"
 #include "bind/quantum.h"
 #include "estimate/ball_tables.h"
 #include "estimate/corrected_estimator.h"
@@ -151,13 +152,18 @@ class Model {
 
   double fits() const { return grown(data_.touched, vertices(), data_); }
 
+  double rows_per_task() const {
+    return static_cast<double>(options_.estimator == Estimator::kPredicted
+                                   ? predicted_rows_per_task(size_.control_vertices)
+                                   : BlockBuilder<D>::kRowsPerThread);
+  }
+
   // The rows under way, and the same packed; a vector that grows holds its old half as well, once the longest.
   double block(double entries) const {
     const double unpacked = grown(entries, vertices(), data_);
     if (options_.influences_max > 0) entries = std::min(entries, static_cast<double>(options_.influences_max));
     const double rows = static_cast<double>(std::min(size_.block_rows, size_.points));
-    const double at_once =
-        std::min(rows, static_cast<double>(BlockBuilder<D>::kRowsPerThreadMax) * static_cast<double>(size_.threads));
+    const double at_once = std::min(rows, rows_per_task() * static_cast<double>(size_.threads));
     const double values = grown(rows * entries), gradients = options_.gradients ? grown(rows * entries * D) : 0.0;
     return at_once * (kFinishedRow + kChunk + unpacked * sizeof(RowEntry<D>)) +
            grown(rows * entries) * sizeof(uint32_t) + (values + gradients) * sizeof(double) +
@@ -194,11 +200,17 @@ class Model {
       kept += bytes(BoundarySides::kElsewhere);
     }
     const double before = std::max(made, input + set + mesh + names + kept);
+    if (size_.closed) kept += expansions();
     const double constant = predicted_constant(both || !size_.closed);
     if (options_.denoise != Denoise::kMesh) return constant + std::max(before, set + kept + block(data_.entries));
     const double held = kept + set + mesh + points_ * (sizeof(CorrectedPoint) + correction());
     return constant + std::max({before, input + held, held + points_ * sizeof(double) + factorization(),
                                 held + kernel() + correction_columns(), held + kernel() + block(data_.entries)});
+  }
+  // Made while there are rows to be.
+  double expansions() const {
+    const auto bytes = data_.exact ? LocalExpansions::most_bytes : LocalExpansions::expected_bytes;
+    return static_cast<double>(bytes(size_.points, size_.control_vertices));
   }
   // A block of corrections for every thread.
   double correction_columns() const {
@@ -211,17 +223,21 @@ class Model {
   static constexpr double kFirstStep = 96.0;
   double first_steps() const { return options_.gradients ? options_.samples * kFirstStep + 32.0 * vertices() : 0.0; }
   HarmonicPrediction::CageSize cage() const { return {size_.elements, size_.triangles, size_.control_vertices}; }
-  // Of every thread: points of a task with their samples, predictions and corrections, and walks.
+  // Of every thread: points that walk together with their samples, a task's points with predictions and corrections,
+  // and walks.
   double predicted_constant(bool elsewhere) const {
-    constexpr size_t kTask = 64;  // twice that of a binding: nodes of a table while one is made
+    constexpr double kWalking = 32.0;
     const size_t count = size_.control_vertices, columns = elsewhere ? 4 * count + 6 : count;
-    const double samples = options_.samples * (0.5 * kTask * sizeof(Sample<D>) + kWalk);
-    const double points = kTask * (sizeof(CorrectedPoint) + correction()) + first_steps();
+    const size_t task = predicted_rows_per_task(count);
+    const double samples = options_.samples * (kWalking * sizeof(Sample<D>) + kWalk);
+    const double points = static_cast<double>(task) * (sizeof(CorrectedPoint) + correction()) + first_steps();
     const double rows =
         4.0 * sizeof(double) * static_cast<double>(columns) + 2.0 * grown(vertices()) * sizeof(RowEntry<D>);
-    const auto sums = static_cast<double>(PanelSums::evaluation_bytes(kTask, columns, count, true));
+    const size_t together = std::min(task, CorrectedEstimator::kElsewhereTogether);
+    const auto sums = static_cast<double>(std::max(PanelSums::evaluation_bytes(task, count, count, true),
+                                                   PanelSums::evaluation_bytes(together, columns, count, true)));
     return 32'000.0 + static_cast<double>(size_.threads) *
-                          (samples + points + rows + sums + rounds(0.5 * kTask) + tables(0.5 * kTask) + 12'000.0);
+                          (samples + points + rows + sums + rounds(kWalking) + tables(kWalking) + 12'000.0);
   }
   // Of every thread: tables that a task's points miss, kept or not, while they are made, and the walks from their
   // balls.
@@ -229,9 +245,9 @@ class Model {
     if (!options_.tables || !size_.closed) return 0.0;
     const double leaves = points * (data_.exact ? kLeavesOfPointMost : kLeavesOfPoint);
     const double width = vertices() + 16.0, walks = 8.0 * BallTableSettings{}.walks;
-    return leaves * (kHarmonics * width * sizeof(float) + sizeof(BallTable) + kChunk + 3.0 * kUse) +
+    return leaves * (kHarmonics * width * sizeof(int16_t) + sizeof(BallTable) + kChunk + 3.0 * kUse) +
            walks * (sizeof(Sample<D>) + kWalk + kHarmonics * sizeof(float)) +
-           (points + 2.0) * (options_.gradients ? 4.0 : 1.0) * width * sizeof(float);
+           ((points + 2.0) * (options_.gradients ? 4.0 : 1.0) + kHarmonics) * width * sizeof(float);
   }
   static constexpr double kUse = 32.0;  // a leaf and a point that it reaches
   // Of every thread: what the rounds of a task's points found, half of one again while it grows, and one in doubles.

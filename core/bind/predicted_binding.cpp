@@ -36,7 +36,8 @@ class PredictedBinding final : public Binding {
         finisher_(cage_, {.prune_below = settings.options.prune_below,
                           .gradients = settings.options.gradients,
                           .influences_max = settings.options.influences_max}),
-        blocks_(settings_, cage_.frame().diagonal),
+        rows_per_task_(predicted_rows_per_task(estimator_.columns())),
+        blocks_(settings_, cage_.frame().diagonal, rows_per_task_),
         quantum_(1000 / settings.options.samples),
         tasks_([] { return Task(); }) {
     summary_.warnings.assign(cage_.warnings().begin(), cage_.warnings().end());
@@ -87,7 +88,8 @@ class PredictedBinding final : public Binding {
     std::vector<float> corrections;
     std::vector<Randomizations::Error> errors;
   };
-  static constexpr size_t kPointsPerTask = 32;
+  // Points whose walks a task advances together.
+  static constexpr size_t kPointsPerWalk = 32;
 
   bool targeted() const { return settings_.options.target_error > 0.0; }
   bool smoothed() const { return settings_.options.denoise == Denoise::kMesh; }
@@ -98,7 +100,7 @@ class PredictedBinding final : public Binding {
   Step sample_nodes(const std::atomic<bool>& cancel) {
     const StageTimer timer(summary_.sampling_s);
     const size_t first = nodes_sampled_, count = std::min(quantum_.size(), queries_.nodes.size() - first);
-    const bool complete = quantum_.run(count, kPointsPerTask, cancel, [&](size_t begin, size_t end) {
+    const bool complete = quantum_.run(count, kPointsPerWalk, cancel, [&](size_t begin, size_t end) {
       const size_t from = first + begin, size = end - begin;
       return estimator_.correct(std::span(queries_.nodes).subspan(from, size), cancel, tasks_.local().workspace,
                                 std::span(places_).subspan(from, size),
@@ -165,8 +167,10 @@ class PredictedBinding final : public Binding {
         task.places[i] = places_[node];
         std::copy_n(&corrections_[node * row_size()], row_size(), &task.corrections[i * row_size()]);
       }
-    } else if (!correct(points, cancel, task)) {
-      return false;
+    } else {
+      task.errors.resize(targeted() ? points.size() : 0);
+      for (size_t begin = 0; begin < points.size(); begin += kPointsPerWalk)
+        if (!correct(points, begin, std::min(kPointsPerWalk, points.size() - begin), cancel, task)) return false;
     }
     estimator_.evaluate(points, task.places, task.corrections, task.workspace,
                         [&](size_t i, const CorrectedEstimator::Rows& evaluated) {
@@ -176,11 +180,15 @@ class PredictedBinding final : public Binding {
     return true;
   }
 
-  bool correct(std::span<const Vec<3>> points, const std::atomic<bool>& cancel, Task& task) const {
-    if (!targeted()) return estimator_.correct(points, cancel, task.workspace, task.places, task.corrections);
-    task.errors.resize(points.size());
-    return estimator_.correct_to(settings_.options.target_error, points, cancel, task.workspace, task.places,
-                                 task.corrections, task.errors);
+  // Some of a task's points.
+  bool correct(std::span<const Vec<3>> points, size_t first, size_t count, const std::atomic<bool>& cancel,
+               Task& task) const {
+    const auto some = points.subspan(first, count);
+    const auto places = std::span(task.places).subspan(first, count);
+    const auto corrections = std::span(task.corrections).subspan(first * row_size(), count * row_size());
+    if (!targeted()) return estimator_.correct(some, cancel, task.workspace, places, corrections);
+    return estimator_.correct_to(settings_.options.target_error, some, cancel, task.workspace, places, corrections,
+                                 std::span(task.errors).subspan(first, count));
   }
 
   void finish_row(const Vec<3>& x, const CorrectedPoint& place, const CorrectedEstimator::Rows& evaluated,
@@ -201,7 +209,7 @@ class PredictedBinding final : public Binding {
   Step make_rows(const std::atomic<bool>& cancel) {
     const StageTimer timer(smoothed() ? summary_.rows_s : summary_.sampling_s);
     const Step step = blocks_.advance(
-        queries_.points.size(), quantum_, kPointsPerTask, cancel,
+        queries_.points.size(), quantum_, rows_per_task_, cancel,
         [&](size_t first, std::span<FinishedRow<3>> rows) { return finish_rows(first, cancel, rows); }, block_,
         summary_);
     progress_.done = blocks_.next_row();
@@ -214,6 +222,7 @@ class PredictedBinding final : public Binding {
   BindingSettings settings_;
   CorrectedEstimator estimator_;
   RowFinisher<3> finisher_;
+  const size_t rows_per_task_;
   BlockBuilder<3> blocks_;
   Quantum quantum_;
   PerThread<Task> tasks_;

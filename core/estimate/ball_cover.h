@@ -15,13 +15,18 @@
 #include <vector>
 
 #include "base/publish_once.h"
+#include "estimate/solid_harmonics.h"
 #include "query/distance_index.h"
 #include "query/winding.h"
 
 namespace barycast {
 
-// Coefficients of solid harmonics about a ball, columns() of each (estimate/ball_tables.h).
-using BallTable = std::vector<float>;
+// Coefficients of solid harmonics about a ball, columns() of each (estimate/ball_tables.h): steps of a size of the
+// harmonic's own, to within some 1e-5 of its largest.
+struct BallTable {
+  std::array<float, kHarmonics> step{};
+  std::vector<int16_t> coefficients;
+};
 
 // 0 below 0, 1 above 1, with slopes of 0 there.
 inline double smooth_step(double t) {

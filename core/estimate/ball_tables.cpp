@@ -1,6 +1,7 @@
 #include "estimate/ball_tables.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "base/check.h"
 #include "base/parallel.h"
@@ -15,12 +16,49 @@ constexpr uint32_t kStepsMax = 300;
 // Balls whose walks advance together: enough to keep vectors full to the last walks.
 constexpr size_t kBallsPerTask = 8;
 
-// out[v] += sum_j factors[j] rows[j][v]
-void add_rows(const HarmonicValues& factors, const float* __restrict rows, size_t width, float* __restrict out) {
+// out[part][v] += sum_j factors[part][j] rows[j][v]
+template <size_t kParts>
+void add_rows(const std::array<HarmonicValues, kParts>& factors, const int16_t* __restrict rows, size_t width,
+              float* __restrict out) {
   for (size_t v = 0; v < width; ++v) {
-    float sum = out[v];
-    for (size_t j = 0; j < kHarmonics; ++j) sum += factors[j] * rows[j * width + v];
-    out[v] = sum;
+    float coefficient[kHarmonics];
+    for (size_t j = 0; j < kHarmonics; ++j) coefficient[j] = static_cast<float>(rows[j * width + v]);
+    for (size_t part = 0; part < kParts; ++part) {
+      float sum = out[part * width + v];
+      for (size_t j = 0; j < kHarmonics; ++j) sum += factors[part][j] * coefficient[j];
+      out[part * width + v] = sum;
+    }
+  }
+}
+
+// One leaf's part of a point's row, and with gradients of its partial derivatives.
+template <bool kGradients>
+void add_table(const BallLeaf& leaf, const BallTable& table, const Vec<3>& x, float weight, size_t width, float* rows) {
+  std::array<HarmonicValues, kGradients ? 4 : 1> factors;
+  const auto set = [&](size_t part, const HarmonicValues& harmonics, float scale) {
+    for (size_t j = 0; j < kHarmonics; ++j) factors[part][j] = harmonics[j] * scale * table.step[j];
+  };
+  const Vec<3> at = (x - leaf.centre) / leaf.radius;
+  set(0, solid_harmonics(at), weight);
+  if constexpr (kGradients) {
+    const std::array<HarmonicValues, 3> partials = solid_harmonic_gradients(at);
+    for (size_t a = 0; a < 3; ++a) set(1 + a, partials[a], weight / static_cast<float>(leaf.radius));
+  }
+  add_rows(factors, table.coefficients.data(), width, rows);
+}
+
+// In half the memory of floats.
+void quantize(const std::vector<float>& coefficients, size_t width, BallTable& table) {
+  constexpr float kMost = 32767;
+  table.coefficients.resize(coefficients.size());
+  for (size_t j = 0; j < kHarmonics; ++j) {
+    const float* const row = &coefficients[j * width];
+    float largest = 0.0f;
+    for (size_t v = 0; v < width; ++v) largest = std::max(largest, std::abs(row[v]));
+    table.step[j] = largest / kMost;
+    const float steps = largest > 0 ? kMost / largest : 0.0f;
+    for (size_t v = 0; v < width; ++v)
+      table.coefficients[j * width + v] = static_cast<int16_t>(std::nearbyint(row[v] * steps));
   }
 }
 
@@ -45,17 +83,20 @@ bool BallTables::fill(const SampleQuery<3>& query, const SampleSet<3>& samples, 
   first_directions(query.random, directions);
   const std::vector<HarmonicValues> factors = harmonic_projection(directions);
   const size_t width = this->width();
-  table.assign(kHarmonics * width, 0.0f);
+  workspace.coefficients.assign(kHarmonics * width, 0.0f);
   workspace.row.assign(width, 0.0f);
-  return workspace.at_ends.visit(inside_, samples.samples, cancel, [&](size_t i, std::span<const double> missing) {
+  const auto add = [&](size_t i, std::span<const double> missing) {
     for (size_t v = 0; v < columns_; ++v) workspace.row[v] = static_cast<float>(missing[v]);
     const float* __restrict const row = workspace.row.data();
     for (size_t j = 0; j < kHarmonics; ++j) {
-      float* __restrict const sum = &table[j * width];
+      float* __restrict const sum = &workspace.coefficients[j * width];
       const float factor = factors[i][j];
       for (size_t v = 0; v < width; ++v) sum[v] += factor * row[v];
     }
-  });
+  };
+  if (!workspace.at_ends.visit(inside_, samples.samples, cancel, add)) return false;
+  quantize(workspace.coefficients, width, table);
+  return true;
 }
 
 void BallTables::keep(const BallLeaf& leaf, BallTable& table) const {
@@ -124,15 +165,10 @@ bool BallTables::correct(std::span<const Vec<3>> points, bool gradients, const s
                                          [](const BallLeaf* a, const BallLeaf* b) { return a->name < b->name; });
         table = &workspace.tables[static_cast<size_t>(at - wanted.begin())];
       }
-      const auto add = [&](HarmonicValues factors, float scale, size_t part) {
-        for (float& factor : factors) factor *= scale;
-        add_rows(factors, table->data(), width, &rows[part * width]);
-      };
-      const Vec<3> at = (points[i] - leaf->centre) / leaf->radius;
-      add(solid_harmonics(at), weight, 0);
-      if (!gradients) continue;
-      const std::array<HarmonicValues, 3> partials = solid_harmonic_gradients(at);
-      for (size_t a = 0; a < 3; ++a) add(partials[a], weight / static_cast<float>(leaf->radius), 1 + a);
+      if (gradients)
+        add_table<true>(*leaf, *table, points[i], weight, width, rows.data());
+      else
+        add_table<false>(*leaf, *table, points[i], weight, width, rows.data());
     }
     for (size_t part = 0; part < parts; ++part)
       std::copy_n(&rows[part * width], columns_, &corrections[(i * parts + part) * columns_]);

@@ -54,7 +54,7 @@ class BallTables {
     std::vector<SampleQuery<3>> queries;
     std::vector<SampleSet<3>> samples;
     MissingAtEnds at_ends;
-    std::vector<float> row;
+    std::vector<float> row, coefficients;
   };
 
   // Corrections of points inside of the cage with a part() above 0, a row of columns() each; with gradients four times
@@ -81,7 +81,7 @@ class BallTables {
  private:
   size_t width() const { return (columns_ + kLanes - 1) / kLanes * kLanes; }
   static constexpr size_t kLanes = 16;
-  size_t table_bytes_each() const { return sizeof(BallTable) + kHarmonics * width() * sizeof(float); }
+  size_t table_bytes_each() const { return sizeof(BallTable) + kHarmonics * width() * sizeof(int16_t); }
 
   bool make(std::span<const BallLeaf* const> leaves, const std::atomic<bool>& cancel, Workspace& workspace) const;
   // False: `cancel` was seen set.

@@ -280,19 +280,23 @@ void CorrectedEstimator::evaluate(std::span<const Vec<3>> points, std::span<cons
   Rows rows;
   for (const bool elsewhere : {false, true})
     for (const bool sloped : {false, true}) {
-      workspace.chosen.clear();
-      for (size_t i = 0; i < points.size(); ++i)
-        if (places[i].elsewhere == elsewhere && (settings_.gradients || places[i].on_cage) == sloped)
-          workspace.chosen.push_back(i);
-      predict(places, elsewhere, sloped, workspace);
-      for (BoundaryData::Row& partial : rows.gradients) partial.resize(0);
-      for (size_t k = 0; k < workspace.chosen.size(); ++k) {
-        const size_t i = workspace.chosen[k];
-        const auto at = static_cast<Eigen::Index>(k);
-        rows.values = row_of(workspace.rows.values, at);
-        for (size_t a = 0; sloped && a < 3; ++a) rows.gradients[a] = row_of(workspace.rows.gradients[a], at);
-        finish(points[i], places[i], corrections.subspan(i * row_size(), row_size()), rows);
-        row(i, rows);
+      // Inside all together, as is cheapest there. Elsewhere there are four times as many columns.
+      const size_t most = elsewhere ? kElsewhereTogether : points.size();
+      for (size_t next = 0; next < points.size();) {
+        workspace.chosen.clear();
+        for (; next < points.size() && workspace.chosen.size() < most; ++next)
+          if (places[next].elsewhere == elsewhere && (settings_.gradients || places[next].on_cage) == sloped)
+            workspace.chosen.push_back(next);
+        predict(places, elsewhere, sloped, workspace);
+        for (BoundaryData::Row& partial : rows.gradients) partial.resize(0);
+        for (size_t k = 0; k < workspace.chosen.size(); ++k) {
+          const size_t i = workspace.chosen[k];
+          const auto at = static_cast<Eigen::Index>(k);
+          rows.values = row_of(workspace.rows.values, at);
+          for (size_t a = 0; sloped && a < 3; ++a) rows.gradients[a] = row_of(workspace.rows.gradients[a], at);
+          finish(points[i], places[i], corrections.subspan(i * row_size(), row_size()), rows);
+          row(i, rows);
+        }
       }
     }
 }

@@ -107,7 +107,8 @@ class CorrectedEstimator {
   };
   // Predictions with their corrections: calls row(i, rows) for every point, in no particular order. On the cage, with
   // the prediction's gradient g where samples start, phi_v(y) + g_v . (x - y) [SBC 4.5], which is exact there. Const
-  // and thread-safe, a workspace per thread.
+  // and thread-safe, a workspace per thread. Elsewhere than inside no more than so many are predicted together.
+  static constexpr size_t kElsewhereTogether = 64;
   void evaluate(std::span<const Vec<3>> points, std::span<const CorrectedPoint> places,
                 std::span<const float> corrections, Workspace& workspace,
                 const std::function<void(size_t, const Rows&)>& row) const;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <numeric>
 
 #include "base/check.h"
 
@@ -72,7 +73,7 @@ SumPoints sum_points(const Panel& panel) {
 }  // namespace
 
 // Arrays of a batch.
-struct PanelSums::Workspace {
+struct PanelSums::Evaluator::Workspace {
   using Lines = std::vector<SumLine>;
   size_t rows, columns;  // columns rounded up
   alignas(64) std::array<std::array<float, kSumPoints>, 3> x;
@@ -82,7 +83,7 @@ struct PanelSums::Workspace {
   Workspace(size_t row_count, size_t column_count, size_t basis_count)
       : rows(row_count),
         columns(column_count),
-        kernels(lines(rows * 3 * kSumPanels * kSumPoints)),
+        kernels(lines(rows * kSumRows * kSumPoints)),
         sums(lines(rows * kSumPoints * columns)),
         corner_sums(lines(rows * 4 * kSumPoints)),
         basis_sums(lines(rows * basis_count * kSumPoints)),
@@ -93,9 +94,13 @@ struct PanelSums::Workspace {
 
   // For the next batch. Empty lanes repeat the last point.
   SumBatch start(std::span<const Vec<3>> points) {
-    for (Lines* const some : {&sums, &corner_sums, &basis_sums, &enclosed})
-      std::fill(some->begin(), some->end(), SumLine{});
-    SumBatch batch{.lanes = rounded_up(points.size()),
+    const size_t lanes = rounded_up(points.size());
+    for (size_t r = 0; r < rows; ++r) std::fill_n(data(sums) + r * kSumPoints * columns, lanes * columns, 0.0f);
+    for (Lines* const some : {&corner_sums, &basis_sums, &enclosed})
+      for (size_t i = 0; i < some->size(); i += kSumPoints / kSumLanes)
+        std::fill_n(some->begin() + static_cast<ptrdiff_t>(i), lanes / kSumLanes, SumLine{});
+    SumBatch batch{.points = points.size(),
+                   .lanes = lanes,
                    .x = {x[0].data(), x[1].data(), x[2].data()},
                    .exact_x = {exact_x[0].data(), exact_x[1].data(), exact_x[2].data()},
                    .kernels = data(kernels),
@@ -117,6 +122,8 @@ PanelSums::PanelSums(const Panels& panels, const BoundaryData& data, const Densi
     : column_count_(densities.size() == DensityColumn::groups(data.basis_count()) ? data.basis_count() : data.count()),
       basis_count_(data.basis_count()) {
   const size_t points = 3 * panels.panels.size();
+  all_panels_.resize(panels.panels.size());
+  std::iota(all_panels_.begin(), all_panels_.end(), 0u);
   for (const Panel& panel : panels.panels) {
     points_.push_back(sum_points(panel));
     triangles_.push_back(sum_triangle<float>(panel));
@@ -165,50 +172,65 @@ size_t PanelSums::bytes() const {
   return sizeof(*this) +
          points_.size() * (sizeof(SumPoints) + sizeof(SumTriangle<float>) + sizeof(SumTriangle<double>)) +
          densities_.size() * sizeof(SumLine) + shares_.size() * sizeof(shares_[0]) +
-         elements_.size() * sizeof(SumElement) + entries_.size() * sizeof(SumEntry);
+         elements_.size() * sizeof(SumElement) + entries_.size() * sizeof(SumEntry) +
+         all_panels_.size() * sizeof(uint32_t);
 }
 
 size_t PanelSums::bytes(size_t panels, size_t columns) {
   // The lists grow by doubling.
   const size_t lists = sizeof(SumPoints) + sizeof(SumTriangle<float>) + sizeof(SumTriangle<double>) +
-                       sizeof(std::array<std::array<float, 4>, 3>);
+                       sizeof(std::array<std::array<float, 4>, 3>) + sizeof(uint32_t);
   return std::bit_ceil(panels) * lists + 3 * panels * rounded_up(columns) * sizeof(float);
 }
 
 size_t PanelSums::evaluation_bytes(size_t points, size_t columns, size_t basis, bool gradients) {
   const size_t rows = gradients ? 4 : 1, lanes = kSumPoints * rounded_up(columns);
-  return rows * sizeof(float) * (points * columns + 3 * kSumPanels * kSumPoints + lanes + kSumPoints * (4 + basis));
+  return rows * sizeof(float) * (points * columns + kSumRows * kSumPoints + lanes + kSumPoints * (4 + basis));
+}
+
+PanelSums::Evaluator::Evaluator(const PanelSums& sums, size_t points, Eigen::Index columns, bool gradients, Rows& out)
+    : sums_(sums),
+      out_(out),
+      gradients_(gradients),
+      work_(std::make_unique<Workspace>(gradients ? 4 : 1, rounded_up(static_cast<size_t>(columns)),
+                                        static_cast<size_t>(sums.basis_count_))) {
+  BARYCAST_CHECK_OP(columns, <=, sums.column_count_);
+  const auto rows = static_cast<Eigen::Index>(points);
+  out.values.resize(rows, columns);
+  for (auto& partial : out.gradients) partial.resize(gradients ? rows : 0, gradients ? columns : 0);
+  out.enclosed.resize(sums.shares_.empty() ? 0 : points);
+}
+
+PanelSums::Evaluator::~Evaluator() = default;
+
+void PanelSums::Evaluator::fill(const Part& part, std::span<const Vec<3>> points, std::span<const size_t> rows) {
+  const auto basis_count = static_cast<size_t>(sums_.basis_count_);
+  const bool dipoles = !sums_.shares_.empty();
+  const SumBatch batch = work_->start(points);
+  add_panel_sums(sums_.tables(), part.panels, gradients_, work_->columns, batch);
+  if (part.others != nullptr) add_expansion(*part.others, gradients_, work_->columns, batch);
+  const auto columns = static_cast<size_t>(out_.values.cols());
+  for (size_t r = 0; r < work_->rows; ++r) {
+    Rows::Table& table = r == 0 ? out_.values : out_.gradients[r - 1];
+    for (size_t i = 0; i < points.size(); ++i) {
+      float* const row = table.data() + rows[i] * columns;
+      std::copy_n(batch.sums + (r * kSumPoints + i) * work_->columns, columns, row);
+      if (!dipoles) continue;
+      const float* const basis = batch.basis_sums + r * basis_count * kSumPoints + i;
+      for (size_t v = 0; v < std::min(basis_count, columns); ++v) row[v] += basis[v * kSumPoints];
+    }
+  }
+  for (size_t i = 0; dipoles && i < points.size(); ++i) out_.enclosed[rows[i]] = batch.enclosed[i];
 }
 
 void PanelSums::evaluate(std::span<const Vec<3>> points, Eigen::Index columns, bool gradients, Rows& out) const {
-  BARYCAST_CHECK_OP(columns, <=, column_count_);
-  const auto rows = static_cast<Eigen::Index>(points.size());
-  out.values.resize(rows, columns);
-  for (auto& partial : out.gradients) partial.resize(gradients ? rows : 0, gradients ? columns : 0);
-  out.enclosed.resize(shares_.empty() ? 0 : points.size());
-  Workspace work(gradients ? 4 : 1, rounded_up(static_cast<size_t>(columns)), static_cast<size_t>(basis_count_));
-  for (size_t first = 0; first < points.size(); first += kSumPoints)
-    evaluate_batch(points.subspan(first, std::min(kSumPoints, points.size() - first)), first, gradients, work, out);
-}
-
-void PanelSums::evaluate_batch(std::span<const Vec<3>> points, size_t first, bool gradients, Workspace& work,
-                               Rows& out) const {
-  const auto basis_count = static_cast<size_t>(basis_count_);
-  const SumBatch batch = work.start(points);
-  add_panel_sums(tables(), gradients, work.columns, batch);
-  const auto columns = out.values.cols();
-  for (size_t r = 0; r < work.rows; ++r) {
-    Rows::Table& table = r == 0 ? out.values : out.gradients[r - 1];
-    for (size_t i = 0; i < points.size(); ++i) {
-      float* const row = table.data() + static_cast<Eigen::Index>(first + i) * columns;
-      std::copy_n(batch.sums + (r * kSumPoints + i) * work.columns, columns, row);
-      if (shares_.empty()) continue;
-      const float* const basis = batch.basis_sums + r * basis_count * kSumPoints + i;
-      for (size_t v = 0; v < std::min(basis_count, static_cast<size_t>(columns)); ++v) row[v] += basis[v * kSumPoints];
-    }
+  Evaluator evaluator(*this, points.size(), columns, gradients, out);
+  std::array<size_t, kSumPoints> rows;
+  for (size_t first = 0; first < points.size(); first += kSumPoints) {
+    const size_t count = std::min(kSumPoints, points.size() - first);
+    std::iota(rows.begin(), rows.end(), first);
+    evaluator.fill({.panels = all_panels_}, points.subspan(first, count), std::span(rows).first(count));
   }
-  if (!shares_.empty())
-    std::copy_n(batch.enclosed, points.size(), out.enclosed.begin() + static_cast<ptrdiff_t>(first));
 }
 
 }  // namespace barycast

@@ -19,6 +19,7 @@
 // with it, with gradients and without, and on every processor.
 
 #include <array>
+#include <memory>
 #include <span>
 #include <vector>
 
@@ -49,16 +50,38 @@ class PanelSums {
   // other in space should be next to each other in the list: they share vectors. In random order: 1.5 times the cost.
   void evaluate(std::span<const Vec<3>> points, Eigen::Index columns, bool gradients, Rows& out) const;
 
+  // Some of the panels, in ascending order, and what others add up to.
+  struct Part {
+    std::span<const uint32_t> panels;
+    const SumExpansion* others = nullptr;
+  };
+  std::span<const uint32_t> all_panels() const { return all_panels_; }
+
+  // Fills rows of a table, of as many points at a time as a batch has, each batch by a part of its own. For one thread;
+  // `sums` and `out` must outlive it.
+  class Evaluator {
+   public:
+    Evaluator(const PanelSums& sums, size_t points, Eigen::Index columns, bool gradients, Rows& out);
+    ~Evaluator();
+    // `rows` of `out` are those of the points, at most kSumPoints.
+    void fill(const Part& part, std::span<const Vec<3>> points, std::span<const size_t> rows);
+
+   private:
+    struct Workspace;
+    const PanelSums& sums_;
+    Rows& out_;
+    bool gradients_;
+    std::unique_ptr<Workspace> work_;
+  };
+
   size_t bytes() const;
   // About the same for so many panels, with dipoles; and what a thread needs while it evaluates `points`.
   static size_t bytes(size_t panels, size_t columns);
   static size_t evaluation_bytes(size_t points, size_t columns, size_t basis, bool gradients);
 
  private:
-  struct Workspace;
   void add_dipoles(const DoubleLayer& dipoles, const Panels& panels);
   SumTables tables() const;
-  void evaluate_batch(std::span<const Vec<3>> points, size_t first, bool gradients, Workspace& work, Rows& out) const;
 
   Eigen::Index column_count_, basis_count_;
   std::vector<SumLine> densities_;  // by point of a panel, columns rounded up to whole lines
@@ -68,6 +91,7 @@ class PanelSums {
   std::vector<std::array<std::array<float, 4>, 3>> shares_;
   std::vector<SumElement> elements_;
   std::vector<SumEntry> entries_;
+  std::vector<uint32_t> all_panels_;
 };
 
 }  // namespace barycast

@@ -373,7 +373,8 @@ void finish_element(const SumTables& tables, size_t element, const SumBatch& bat
       enclosed = hn::Add(enclosed, hn::Load(kTag, batch.corner_sums + c * kSumPoints + lane));
     hn::Store(enclosed, kTag, batch.enclosed + lane);
   }
-  std::fill_n(batch.corner_sums, (kGradients ? 4 : 1) * 4 * kSumPoints, 0.0f);
+  for (size_t i = 0; i < (kGradients ? 4 : 1) * 4; ++i)
+    std::fill_n(batch.corner_sums + i * kSumPoints, batch.lanes, 0.0f);
 }
 
 template <bool kGradients>
@@ -383,7 +384,7 @@ HWY_INLINE void fill_panel(const SumTables& tables, size_t p, size_t row, const 
     evaluate_panel(tables, p, batch, lane, kernels);
     for (size_t r = 0; r < kernels.kRows; ++r)
       for (size_t k = 0; k < 3; ++k)
-        hn::Store(kernels.charge[r][k], kTag, batch.kernels + ((r * kSumPanels * 3) + row + k) * kSumPoints + lane);
+        hn::Store(kernels.charge[r][k], kTag, batch.kernels + (r * kSumRows + row + k) * kSumPoints + lane);
     if (!tables.shares.empty()) add_to_corners(tables, p, kernels, batch, lane);
   }
 }
@@ -393,19 +394,19 @@ constexpr size_t kBlockPoints = kWidth / 2;
 constexpr size_t kBlockVectors = 3;
 
 template <size_t kVectors>
-HWY_INLINE void multiply_block(const float* HWY_RESTRICT kernels, const float* HWY_RESTRICT densities, size_t stride,
-                               size_t rows, float* HWY_RESTRICT sums, size_t columns) {
+HWY_INLINE void multiply_block(const float* HWY_RESTRICT kernels, const float* const* HWY_RESTRICT factors,
+                               size_t column, size_t rows, float* HWY_RESTRICT sums, size_t columns) {
   Floats total[kBlockPoints][kVectors];
   HWY_UNROLL(8)
   for (size_t p = 0; p < kBlockPoints; ++p)
     for (size_t v = 0; v < kVectors; ++v) total[p][v] = hn::Load(kTag, sums + p * columns + v * kWidth);
   for (size_t i = 0; i < rows; ++i) {
-    Floats density[kVectors];
-    for (size_t v = 0; v < kVectors; ++v) density[v] = hn::Load(kTag, densities + i * stride + v * kWidth);
+    Floats factor[kVectors];
+    for (size_t v = 0; v < kVectors; ++v) factor[v] = hn::Load(kTag, factors[i] + column + v * kWidth);
     HWY_UNROLL(8)
     for (size_t p = 0; p < kBlockPoints; ++p) {
       const Floats kernel = hn::Set(kTag, kernels[i * kSumPoints + p]);
-      for (size_t v = 0; v < kVectors; ++v) total[p][v] = hn::MulAdd(kernel, density[v], total[p][v]);
+      for (size_t v = 0; v < kVectors; ++v) total[p][v] = hn::MulAdd(kernel, factor[v], total[p][v]);
     }
   }
   HWY_UNROLL(8)
@@ -413,42 +414,134 @@ HWY_INLINE void multiply_block(const float* HWY_RESTRICT kernels, const float* H
     for (size_t v = 0; v < kVectors; ++v) hn::Store(total[p][v], kTag, sums + p * columns + v * kWidth);
 }
 
-// Adds the product of some rows of kernels with the densities.
-HWY_NOINLINE void multiply(const SumTables& tables, size_t first_row, size_t rows, const float* kernels, size_t lanes,
-                           size_t columns, float* sums) {
-  const size_t stride = tables.density_stride;
-  const float* const densities = tables.densities + first_row * stride;
+// Rows of factors that kernels are multiplied by: densities at the points of panels, or coefficients.
+using FactorRows = std::array<const float*, kSumRows>;
+
+// Adds the product of some rows of kernels with those of factors.
+HWY_NOINLINE void multiply(const FactorRows& factors, size_t rows, const float* kernels, size_t points, size_t columns,
+                           float* sums) {
   for (size_t column = 0; column < columns;) {
     const size_t vectors = std::min(kBlockVectors, (columns - column) / kWidth);
-    for (size_t p = 0; p < lanes; p += kBlockPoints) {
+    for (size_t p = 0; p < points; p += kBlockPoints) {
       float* const to = sums + p * columns + column;
-      if (vectors == 1) multiply_block<1>(kernels + p, densities + column, stride, rows, to, columns);
-      if (vectors == 2) multiply_block<2>(kernels + p, densities + column, stride, rows, to, columns);
-      if (vectors == 3) multiply_block<3>(kernels + p, densities + column, stride, rows, to, columns);
+      if (vectors == 1) multiply_block<1>(kernels + p, factors.data(), column, rows, to, columns);
+      if (vectors == 2) multiply_block<2>(kernels + p, factors.data(), column, rows, to, columns);
+      if (vectors == 3) multiply_block<3>(kernels + p, factors.data(), column, rows, to, columns);
     }
     column += vectors * kWidth;
   }
 }
 
+// Of all kernels of the batch, those of values and those of gradients.
 template <bool kGradients>
-void add_sums(const SumTables& tables, size_t columns, const SumBatch& batch) {
-  const size_t panels = tables.points.size();
+HWY_INLINE void multiply_all(const FactorRows& factors, size_t rows, size_t columns, const SumBatch& batch) {
+  for (size_t r = 0; r < (kGradients ? 4 : 1); ++r)
+    multiply(factors, rows, batch.kernels + r * kSumRows * kSumPoints, batch.points, columns,
+             batch.sums + r * kSumPoints * columns);
+}
+
+template <bool kGradients>
+void add_sums(const SumTables& tables, std::span<const uint32_t> panels, size_t columns, const SumBatch& batch) {
+  const bool dipoles = !tables.shares.empty();
   size_t element = 0;
-  for (size_t first = 0; first < panels; first += kSumPanels) {
-    const size_t end = std::min(panels, first + kSumPanels);
-    for (size_t p = first; p < end; ++p) {
-      fill_panel<kGradients>(tables, p, 3 * (p - first), batch);
-      if (!tables.shares.empty() && p + 1 == tables.elements[element].end_panel)
-        finish_element<kGradients>(tables, element++, batch);
+  for (size_t first = 0; first < panels.size(); first += kSumPanels) {
+    const size_t count = std::min(panels.size() - first, kSumPanels);
+    FactorRows factors;
+    for (size_t i = 0; i < count; ++i) {
+      const uint32_t p = panels[first + i];
+      while (dipoles && tables.elements[element].end_panel <= p) ++element;
+      for (size_t k = 0; k < 3; ++k) factors[3 * i + k] = tables.densities + (3 * p + k) * tables.density_stride;
+      fill_panel<kGradients>(tables, p, 3 * i, batch);
+      const bool last = first + i + 1 == panels.size();
+      if (dipoles && (last || panels[first + i + 1] >= tables.elements[element].end_panel))
+        finish_element<kGradients>(tables, element, batch);
     }
-    for (size_t r = 0; r < (kGradients ? 4 : 1); ++r)
-      multiply(tables, 3 * first, 3 * (end - first), batch.kernels + r * 3 * kSumPanels * kSumPoints, batch.lanes,
-               columns, batch.sums + r * kSumPoints * columns);
+    multiply_all<kGradients>(factors, 3 * count, columns, batch);
   }
 }
 
-void sum(const SumTables& tables, bool gradients, size_t columns, const SumBatch& batch) {
-  gradients ? add_sums<true>(tables, columns, batch) : add_sums<false>(tables, columns, batch);
+// R_l^m = r^l P_l^m(cos theta) e^(i m phi) / (l + m)! without the Condon-Shortley phase, up to m = 0 its real part,
+// then its imaginary part, for all l and m >= 0; and, with d/dz R_l^m = R_(l-1)^m and (d/dx -+ i d/dy) R_l^m =
+// +-R_(l-1)^(m -+ 1), their gradients.
+template <bool kGradients>
+void fill_harmonics(const SumExpansion& expansion, size_t lane, const SumBatch& batch) {
+  constexpr size_t kDegree = kSumDegree;
+  const auto row = [&](size_t r, size_t term)
+                       HWY_ATTR { return batch.kernels + (r * kSumRows + term) * kSumPoints + lane; };
+  const auto real = [](size_t l, size_t m) { return l * l + (m == 0 ? 0 : 2 * m - 1); };
+  const auto imaginary = [](size_t l, size_t m) { return l * l + 2 * m; };
+  const auto load = [&](size_t term) HWY_ATTR { return hn::Load(kTag, row(0, term)); };
+  const auto store = [&](size_t r, size_t term, Floats value) HWY_ATTR { hn::Store(value, kTag, row(r, term)); };
+  const auto set = [](double value) HWY_ATTR { return hn::Set(kTag, static_cast<float>(value)); };
+  const Floats inverse_radius = hn::Set(kTag, expansion.inverse_radius);
+  const Lanes3<Floats> at{hn::Load(kTag, batch.x[0] + lane), hn::Load(kTag, batch.x[1] + lane),
+                          hn::Load(kTag, batch.x[2] + lane)};
+  const Lanes3<Floats> x = (at - all(kTag, expansion.centre)) * inverse_radius;
+  const Floats squared = dot(x, x);
+  store(0, 0, set(1.0));
+  for (size_t m = 0; m <= kDegree; ++m) {
+    const size_t parts = m == 0 ? 1 : 2;
+    const auto term = [&](size_t l, size_t part) { return part == 0 ? real(l, m) : imaginary(l, m); };
+    if (m > 0) {
+      const Floats a = load(real(m - 1, m - 1)), b = m > 1 ? load(imaginary(m - 1, m - 1)) : hn::Zero(kTag);
+      const Floats factor = set(0.5 / static_cast<double>(m));
+      store(0, real(m, m), hn::Mul(factor, hn::NegMulAdd(b, x.y, hn::Mul(a, x.x))));
+      store(0, imaginary(m, m), hn::Mul(factor, hn::MulAdd(b, x.x, hn::Mul(a, x.y))));
+    }
+    for (size_t part = 0; part < parts; ++part)
+      for (size_t l = m + 1; l <= kDegree; ++l) {
+        const auto of = static_cast<double>((l + m) * (l - m));
+        Floats value = hn::Mul(hn::Mul(set(static_cast<double>(2 * l - 1) / of), x.z), load(term(l - 1, part)));
+        if (l > m + 1) value = hn::NegMulAdd(hn::Mul(set(1.0 / of), squared), load(term(l - 2, part)), value);
+        store(0, term(l, part), value);
+      }
+  }
+  if constexpr (kGradients) {
+    const Floats half = hn::Mul(set(0.5), inverse_radius);
+    const auto known = [&](size_t l, size_t m, size_t part) HWY_ATTR {  // 0 beyond m = l
+      return m > l || (m == 0 && part == 1) ? hn::Zero(kTag) : load(part == 0 ? real(l, m) : imaginary(l, m));
+    };
+    for (size_t r = 1; r < 4; ++r) store(r, 0, hn::Zero(kTag));
+    for (size_t l = 1; l <= kDegree; ++l) {
+      store(1, real(l, 0), hn::Neg(hn::Mul(inverse_radius, known(l - 1, 1, 0))));
+      store(2, real(l, 0), hn::Neg(hn::Mul(inverse_radius, known(l - 1, 1, 1))));
+      store(3, real(l, 0), hn::Mul(inverse_radius, known(l - 1, 0, 0)));
+      for (size_t m = 1; m <= l; ++m) {
+        const Floats below_real = known(l - 1, m - 1, 0), below_imaginary = known(l - 1, m - 1, 1);
+        const Floats above_real = known(l - 1, m + 1, 0), above_imaginary = known(l - 1, m + 1, 1);
+        store(1, real(l, m), hn::Mul(half, hn::Sub(below_real, above_real)));
+        store(1, imaginary(l, m), hn::Mul(half, hn::Sub(below_imaginary, above_imaginary)));
+        store(2, real(l, m), hn::Neg(hn::Mul(half, hn::Add(below_imaginary, above_imaginary))));
+        store(2, imaginary(l, m), hn::Mul(half, hn::Add(below_real, above_real)));
+        store(3, real(l, m), hn::Mul(inverse_radius, known(l - 1, m, 0)));
+        store(3, imaginary(l, m), hn::Mul(inverse_radius, known(l - 1, m, 1)));
+      }
+    }
+  }
+}
+
+template <bool kGradients>
+void add_harmonics(const SumExpansion& expansion, size_t columns, const SumBatch& batch) {
+  FactorRows factors;
+  for (size_t i = 0; i < kSumTerms; ++i) factors[i] = expansion.coefficients + i * expansion.stride;
+  for (size_t lane = 0; lane < batch.lanes; lane += kWidth) {
+    fill_harmonics<kGradients>(expansion, lane, batch);
+    Floats enclosed = hn::Load(kTag, batch.enclosed + lane);
+    for (size_t i = 0; i < kSumTerms; ++i)
+      enclosed = hn::MulAdd(hn::Load(kTag, batch.kernels + i * kSumPoints + lane), hn::Set(kTag, expansion.enclosed[i]),
+                            enclosed);
+    hn::Store(enclosed, kTag, batch.enclosed + lane);
+  }
+  multiply_all<kGradients>(factors, kSumTerms, columns, batch);
+}
+
+void sum(const SumTables& tables, std::span<const uint32_t> panels, bool gradients, size_t columns,
+         const SumBatch& batch) {
+  gradients ? add_sums<true>(tables, panels, columns, batch) : add_sums<false>(tables, panels, columns, batch);
+}
+
+void expand(const SumExpansion& expansion, bool gradients, size_t columns, const SumBatch& batch) {
+  gradients ? add_harmonics<true>(expansion, columns, batch) : add_harmonics<false>(expansion, columns, batch);
 }
 
 }  // namespace barycast::HWY_NAMESPACE
@@ -459,11 +552,17 @@ namespace barycast {
 namespace {
 
 HWY_EXPORT(sum);
+HWY_EXPORT(expand);
 
 }  // namespace
 
-void add_panel_sums(const SumTables& tables, bool gradients, size_t columns, const SumBatch& batch) {
-  HWY_DYNAMIC_DISPATCH(sum)(tables, gradients, columns, batch);
+void add_panel_sums(const SumTables& tables, std::span<const uint32_t> panels, bool gradients, size_t columns,
+                    const SumBatch& batch) {
+  HWY_DYNAMIC_DISPATCH(sum)(tables, panels, gradients, columns, batch);
+}
+
+void add_expansion(const SumExpansion& expansion, bool gradients, size_t columns, const SumBatch& batch) {
+  HWY_DYNAMIC_DISPATCH(expand)(expansion, gradients, columns, batch);
 }
 
 }  // namespace barycast

@@ -13,7 +13,10 @@ namespace barycast {
 
 // Points at a time, and panels whose kernels are kept at a time: a hundred kilobytes with gradients.
 inline constexpr size_t kSumPoints = 64;
-inline constexpr size_t kSumPanels = 32;
+inline constexpr size_t kSumPanels = 32, kSumRows = 3 * kSumPanels;
+// Degree of local expansions, and their terms.
+inline constexpr size_t kSumDegree = 6, kSumTerms = (kSumDegree + 1) * (kSumDegree + 1);
+static_assert(kSumTerms <= kSumRows);
 // Columns come in multiples of this, and points are rounded up to it.
 inline constexpr size_t kSumLanes = 16;
 
@@ -65,20 +68,34 @@ struct SumTables {
   size_t basis_count;
 };
 
+// A local expansion: what panels that are far from a ball add up to inside of it, as a sum of solid harmonics of
+// (x - centre) / radius.
+struct SumExpansion {
+  std::array<float, 3> centre;
+  float inverse_radius;
+  const float* coefficients;  // a row per term, aligned
+  size_t stride;              // a multiple of kSumLanes
+  const float* enclosed;      // coefficients of that
+};
+
 // Aligned arrays for a batch. Tables of one row are for values; with gradients four follow each other.
 struct SumBatch {
-  size_t lanes;                          // a multiple of kSumLanes, up to kSumPoints
+  size_t points;                         // up to kSumPoints
+  size_t lanes;                          // the same, rounded up to kSumLanes
   std::array<const float*, 3> x;         // kSumPoints each
   std::array<const double*, 3> exact_x;  // the same, unrounded
-  float* kernels;                        // rows x 3 kSumPanels x kSumPoints
+  float* kernels;                        // rows x kSumRows x kSumPoints
   float* sums;                           // rows x kSumPoints x columns; in and out
   float* corner_sums;                    // rows x 4 x kSumPoints; in and out
   float* basis_sums;                     // rows x basis_count x kSumPoints; in and out
   float* enclosed;                       // kSumPoints; in and out
 };
 
-// Adds the potentials of all panels: of the densities to `sums`, of the dipoles to `basis_sums` and `enclosed`.
-// `columns`: a multiple of kSumLanes.
-void add_panel_sums(const SumTables& tables, bool gradients, size_t columns, const SumBatch& batch);
+// Adds the potentials of panels, of which there is an ascending list: of the densities to `sums`, of the dipoles to
+// `basis_sums` and `enclosed`. `columns`: a multiple of kSumLanes.
+void add_panel_sums(const SumTables& tables, std::span<const uint32_t> panels, bool gradients, size_t columns,
+                    const SumBatch& batch);
 
+// The same of panels that are expanded; dipoles are in their columns' coefficients.
+void add_expansion(const SumExpansion& expansion, bool gradients, size_t columns, const SumBatch& batch);
 }  // namespace barycast

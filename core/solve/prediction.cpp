@@ -72,7 +72,9 @@ HarmonicPrediction::HarmonicPrediction(const Cage<3>& cage, const DistanceIndex<
       parts_(std::move(parts)),
       sums_(parts_.kernels.panels(), parts_.data, has_dipoles() ? parts_.densities.inside : parts_.densities.indirect,
             has_dipoles() ? &parts_.dipoles : nullptr),
-      missing_(cage, static_cast<size_t>(columns()), kNodes) {}
+      missing_(cage, static_cast<size_t>(columns()), kNodes) {
+  if (has_dipoles()) expansions_.emplace(sums_, parts_.kernels.panels());
+}
 
 void HarmonicPrediction::find_missing() {
   parallel_for(missing_.node_count(), kNodesPerTask, [&](size_t begin, size_t end) {
@@ -125,8 +127,8 @@ void HarmonicPrediction::continue_beyond_panels(const CagePoint<3>& y, const Vec
 }
 
 void HarmonicPrediction::evaluate(std::span<const Vec<3>> points, bool gradients, Rows& out) const {
-  sums_.evaluate(points, columns(), gradients, out);
-  if (!has_dipoles()) return;
+  if (!expansions_) return sums_.evaluate(points, columns(), gradients, out);
+  expansions_->evaluate(points, gradients, out);
   for (size_t i = 0; i < points.size(); ++i)
     if (outside_part(double{out.enclosed[i]}) > 0.0)
       continue_beyond_panels(distance_.closest(points[i]), points[i], i, gradients, out);
@@ -148,7 +150,7 @@ size_t HarmonicPrediction::bytes() const {
   return sizeof(*this) + parts_.kernels.bytes() + parts_.dipoles.bytes() +
          static_cast<size_t>(parts_.kernels.point_count()) * kDensityGroup *
              (parts_.densities.inside.size() + parts_.densities.indirect.size()) * sizeof(double) +
-         sums_.bytes() + missing_.bytes();
+         sums_.bytes() + (expansions_ ? expansions_->bytes() : 0) + missing_.bytes();
 }
 
 }  // namespace barycast

@@ -23,6 +23,7 @@
 #include "base/result.h"
 #include "query/winding.h"
 #include "solve/boundary_elements.h"
+#include "solve/local_expansions.h"
 #include "solve/panel_sums.h"
 #include "solve/residual_table.h"
 
@@ -82,6 +83,7 @@ class HarmonicPrediction {
   const DistanceIndex<3>& distance_;
   BoundaryParts parts_;
   PanelSums sums_;
+  std::optional<LocalExpansions> expansions_;  // with dipoles
   ResidualTable missing_;
 };
 

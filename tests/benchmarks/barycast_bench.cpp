@@ -1,16 +1,17 @@
 // Where the time of a binding goes: barycast_bench --cage C --model M [options]
 //
-// Binds the model's points to the cage in this process, cold, and prints one JSON object for every variant: points,
-// control_vertices, walks_per_second, the stages' seconds, total_s, peak_bytes, isa. --estimator, --engine, --isa,
-// --threads and --samples take several values; every combination is a variant, and they run in turns, --repeats times
-// each: medians are printed, and the least and the most of the totals.
+// Binds the model's points to the cage in this process, cold unless told otherwise, and prints one JSON object for
+// every variant: points, control_vertices, walks_per_second, the stages' seconds, total_s, peak_bytes, isa.
+// --estimator, --engine, --isa, --threads and --samples take several values; every combination is a variant, and they
+// run in turns, --repeats times each: medians are printed, and the least and the most of the totals.
 //   build          the cage's index                       smooth_factor, smooth_solve   denoising
 //   walk           samples, rays for mean value kinds     prune       rows: evaluated, pruned, corrected
 //   moments, solve of the samples                         encode      rows to messages, float32
 // walk, moments and solve are measured in a pass of their own, over the same points; in the binding they are one. Other
 // estimators than sampling have no such pass: solve is to solve boundary elements, walk all that comes before
 // denoising, or without it all of the rows. A prediction is solved for in build. With --tables predictions are
-// corrected by tables, which are filled after build (stage fill), or, with --tables cold, as points ask.
+// corrected by tables, which are made as points ask. With --warm the cage holds what a binding of the same points left
+// with it, which is not measured: no build, and all tables that may be kept.
 
 #include <sys/resource.h>
 #include <tbb/task_arena.h>
@@ -20,7 +21,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
-#include <limits>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -58,7 +58,6 @@ struct Variant {
   std::string engine_name, isa;
   int threads;
   std::optional<uint32_t> samples;
-  bool fill = false;  // tables ahead
 };
 
 // Of one run: seconds by name, and counts.
@@ -150,34 +149,42 @@ void time_estimates(const CageStructures<3>& structures, const QueryInput& queri
   for (size_t begin = 0; begin < count; begin += piece) estimate(begin, std::min(piece, count - begin), run);
 }
 
-Run run_once(const Job& job, const Variant& variant, const ResolvedOptions& options) {
+std::unique_ptr<Binding> start(const Job& job, const std::shared_ptr<const CageIndex>& index,
+                               const ResolvedOptions& options) {
+  auto binding = Binding::create(index, job.queries, {.options = options});
+  if (!binding) fail(binding.error().text());
+  return std::move(*binding);
+}
+
+Run run_once(const Job& job, const Variant& variant, const ResolvedOptions& options, bool warm) {
   Run run;
   Stopwatch watch;
   const auto index = CageIndex::create(job.cage_input(), variant.engine);
   if (!index) fail(index.error().text());
   if (const Status built = (*index)->prepare(options); !built) fail(built.error().text());
-  run.stages["build"] = watch.lap();
-  if (variant.fill) {
-    (*index)->fill_tables(std::numeric_limits<size_t>::max(), kNeverCancelled);
-    run.stages["fill"] = watch.lap();
+  if (warm) {
+    const auto before = start(job, *index, options);
+    while (before->advance(kNeverCancelled) != Binding::Step::kDone) (void)before->take_block();
+    watch.lap();
+  } else {
+    run.stages["build"] = watch.lap();
   }
-  auto binding = Binding::create(*index, job.queries, {.options = options});
-  if (!binding) fail(binding.error().text());
+  const auto binding = start(job, *index, options);
   for (bool done = false; !done;) {
-    const Binding::Step step = (*binding)->advance(kNeverCancelled);
+    const Binding::Step step = binding->advance(kNeverCancelled);
     done = step == Binding::Step::kDone;
     if (step != Binding::Step::kBlock) continue;
     run.total += watch.lap();
-    const RowBlock block = (*binding)->take_block();
+    const RowBlock block = binding->take_block();
     run.encoded_bytes += server::encode_rows(block, {}).ByteSizeLong();
     run.rows += block.row_count();
     const double encoding = watch.lap();
     run.stages["encode"] += encoding;
     run.total += encoding;
   }
-  run.total += watch.lap() + run.stages["build"] + run.stages["fill"];
+  run.total += watch.lap() + run.stages["build"];
   run.tables = (*index)->table_count();
-  const BindingSummary& summary = (*binding)->summary();
+  const BindingSummary& summary = binding->summary();
   run.stages["smooth_factor"] = summary.smoothing_factor_s;
   run.stages["smooth_solve"] = summary.smoothing_solve_s;
   run.stages["prune"] = summary.rows_s;
@@ -223,7 +230,6 @@ nlohmann::ordered_json report(const Job& job, const Variant& variant, const Reso
       runs[0].walks > 0 ? static_cast<double>(runs[0].steps) / static_cast<double>(runs[0].walks) : 0.0;
   for (const char* name : {"build", "walk", "moments", "solve", "smooth_factor", "smooth_solve", "prune", "encode"})
     out["stages"][name] = stage(name);
-  if (variant.fill) out["stages"]["fill"] = stage("fill");
   const std::vector<double> totals = of([](const Run& run) { return run.total; });
   out["total_s"] = median(totals);
   out["total_s_least"] = *std::min_element(totals.begin(), totals.end());
@@ -247,8 +253,7 @@ int main(int argc, char** argv) {
                                                   {"boundary-element", Estimator::kBoundaryElement},
                                                   {"exact", Estimator::kExact}};
   int repeats = 1;
-  bool json = false;
-  std::string tables;
+  bool json = false, tables = false, warm = false, no_gradients = false;
   CLI::App app("Where the time of a binding goes, for every combination of the options.", "barycast_bench");
   app.add_option("--cage", cage, "OBJ of triangles and quads")->required();
   app.add_option("--model", model, "OBJ")->required();
@@ -260,10 +265,9 @@ int main(int argc, char** argv) {
   app.add_option("--engine", engines)->delimiter(',')->check(CLI::IsMember({"grid", "embree"}));
   app.add_option("--threads", threads)->delimiter(',')->check(CLI::PositiveNumber);
   app.add_option("--isa", isas)->delimiter(',')->check(CLI::IsMember({"avx2", "avx512", "widest"}));
-  app.add_option("--tables", tables, "correct predictions by tables: filled ahead, or as points ask")
-      ->check(CLI::IsMember({"filled", "cold"}))
-      ->expected(0, 1)
-      ->default_str("filled");
+  app.add_flag("--tables", tables, "correct predictions by tables");
+  app.add_flag("--warm", warm, "with what an earlier binding left with the cage");
+  app.add_flag("--no-gradients", no_gradients, "values alone");
   app.add_option("--repeats", repeats)->check(CLI::PositiveNumber);
   app.add_flag("--json", json, "accepted for scripts; there is no other form");
   CLI11_PARSE(app, argc, argv);
@@ -283,8 +287,7 @@ int main(int argc, char** argv) {
                           .engine_name = engine,
                           .isa = isa,
                           .threads = t,
-                          .samples = {},
-                          .fill = tables == "filled"};
+                          .samples = {}};
           if (samples.empty() || !takes_samples(variant.estimator)) variants.push_back(variant);
           if (!takes_samples(variant.estimator)) continue;
           for (const uint32_t m : samples) {
@@ -303,8 +306,8 @@ int main(int argc, char** argv) {
     choices.denoise = denoise == "none" ? Denoise::kNone : Denoise::kAuto;
     choices.estimator = variant.estimator;
     choices.samples = variant.samples;
-    choices.gradients = true;
-    choices.tables = !tables.empty() && variant.estimator == Estimator::kPredicted;
+    choices.gradients = !no_gradients;
+    choices.tables = tables && variant.estimator == Estimator::kPredicted;
     const auto resolved = resolve(choices, job.queries.face_offsets.size() > 1);
     if (!resolved) fail(resolved.error().text());
     options.push_back(*resolved);
@@ -313,7 +316,7 @@ int main(int argc, char** argv) {
     for (size_t v = 0; v < variants.size(); ++v) {
       hwy::SetSupportedTargetsForTest(variants[v].isa == "avx2" ? HWY_AVX2 : 0);
       tbb::task_arena arena(variants[v].threads);
-      arena.execute([&] { runs[v].push_back(run_once(job, variants[v], options[v])); });
+      arena.execute([&] { runs[v].push_back(run_once(job, variants[v], options[v], warm)); });
     }
   for (size_t v = 0; v < variants.size(); ++v)
     std::printf("%s\n", report(job, variants[v], options[v], runs[v]).dump().c_str());

@@ -219,7 +219,7 @@ TEST(BallTables, BytesAreCountedAndBounded) {
   const size_t empty = tables.bytes();
   EXPECT_LT(empty, 10'000u);
   correct(tables, cage.points(200, 5));
-  const size_t of_table = sizeof(BallTable) + 9 * 16 * sizeof(float);
+  const size_t of_table = sizeof(BallTable) + 9 * 16 * sizeof(int16_t);
   EXPECT_EQ(tables.bytes() - tables.cover().bytes(), tables.table_count() * of_table + sizeof(BallTables));
   EXPECT_LE(tables.table_count() * of_table, 50'000u);
 

@@ -45,13 +45,13 @@ def test_estimators_are_variants(barycast_bench, files):
     assert [v["walks_per_second"] > 0 for v in variants] == [True, True, False]
 
 
-def test_tables_are_filled_ahead_or_as_points_ask(barycast_bench, files):
-    for how in ([], ["filled"], ["cold"]):
-        done = run(barycast_bench, *files, "--estimator", "predicted", "--threads", "2", "--tables", *how)
+def test_cages_are_cold_or_warm(barycast_bench, files):
+    for more in ([], ["--no-gradients"], ["--warm"], ["--warm", "--no-gradients"]):
+        done = run(barycast_bench, *files, "--estimator", "predicted", "--threads", "2", "--tables", *more)
         assert done.returncode == 0, done.stderr
         [variant] = [json.loads(line) for line in done.stdout.splitlines()]
-        assert variant["tables"] > 0 and ("fill" in variant["stages"]) == (how != ["cold"])
-        assert list(variant["stages"])[:len(STAGES)] == STAGES
+        assert variant["tables"] > 0 and (variant["stages"]["build"] > 0) == ("--warm" not in more)
+        assert list(variant["stages"]) == STAGES
 
 
 def test_refuses_what_it_cannot_read(barycast_bench, files, tmp_path):
