@@ -11,6 +11,10 @@ namespace {
 // A panel is far from a cell where all of it is at least this many times as far from the middle as the cell's corners.
 // FireHydrant's cage, rows off by: 3e-5 with 1.3, 1e-5 with 1.7, 5e-6 with 2, at 2.0, 2.2, 2.6 us.
 constexpr double kFar = 1.7;
+// What the degrees beyond the last leave out falls with the distance as this power of it, in proportion to the panel's
+// charge. Those of the cages of character models are at most kUsualCharge, of a box of 2 x 2 x .02 at most .07, of
+// 2 x 2 x .002 76.
+constexpr double kFalloff = kSumDegree + 1, kUsualCharge = 6e-3, kChargeMost = 0.05;
 
 constexpr size_t kFitPoints = kSumPoints;  // a batch, a third more than there are terms
 constexpr auto kTerms = static_cast<Eigen::Index>(kSumTerms);
@@ -125,9 +129,18 @@ LocalExpansions::LocalExpansions(const PanelSums& sums, const Panels& panels, si
       panels_(panels),
       bytes_max_(bytes_max),
       coarse_(kCoarse * kCoarse * kCoarse),
-      bytes_(sizeof(*this) + coarse_.size() * sizeof(coarse_[0])) {}
+      bytes_(sizeof(*this) + coarse_.size() * sizeof(coarse_[0])) {
+  for (const uint32_t p : sums.all_panels())
+    far_.push_back(kFar * std::pow(std::max(1.0, sums.charge(p) / kUsualCharge), 1 / kFalloff));
+  bytes_ += far_.size() * sizeof(double);
+}
 
 LocalExpansions::~LocalExpansions() = default;
+
+bool LocalExpansions::hold(const PanelSums& sums) {
+  return std::all_of(sums.all_panels().begin(), sums.all_panels().end(),
+                     [&](uint32_t panel) { return sums.charge(panel) <= kChargeMost; });
+}
 
 uint32_t LocalExpansions::name_of(const Vec<3>& x) {
   uint32_t name = 0;
@@ -144,7 +157,7 @@ void LocalExpansions::expand(std::span<const uint32_t> candidates, const SumExpa
   std::vector<uint32_t> far;
   for (const uint32_t p : candidates) {
     const Panel& panel = panels_.panels[p];
-    const bool is_far = (panel.centre - cell.middle).norm() - panel.radius >= kFar * cell.reach;
+    const bool is_far = (panel.centre - cell.middle).norm() - panel.radius >= far_[p] * cell.reach;
     (is_far ? far : cell.near).push_back(p);
   }
   const Fit& fit = Fit::get();

@@ -15,6 +15,9 @@
 // sums: 2.4), with gradients 2.2 us (7.3); 152 columns, 599 panels: 2.6 (7.7) and 8.2 (27.5). To make a cell takes some
 // tens of microseconds.
 //
+// Panels with large charges, as the walls of thin cages have, which nearly cancel each other, are summed one by one
+// from further away. Where charges are so large that floats lose the sums, expansions would lose more: see hold().
+//
 // Cells are made where points first ask for them, and depend on the panels alone: what is there already, and whether
 // one could be kept, changes no bit. A point's row is a function of that point. Safe from any number of threads.
 
@@ -35,6 +38,9 @@ class LocalExpansions {
   // made and dropped, as often as points ask for them.
   LocalExpansions(const PanelSums& sums, const Panels& panels, size_t bytes_max = kBytesMax);
   ~LocalExpansions();
+
+  // Whether expansions of these sums are as good as is said above.
+  static bool hold(const PanelSums& sums);
 
   // All cells of a surface and 250 control vertices, or of a cube and 90.
   static constexpr size_t kBytesMax = size_t{24} << 20;
@@ -64,6 +70,7 @@ class LocalExpansions {
 
   const PanelSums& sums_;
   const Panels& panels_;
+  std::vector<double> far_;  // of a panel: how far from a cell, in distances of the cell's corners
   size_t bytes_max_;
   std::vector<PublishOnce<CoarseCell>> coarse_;
   mutable std::atomic<size_t> bytes_ = 0;

@@ -73,7 +73,7 @@ HarmonicPrediction::HarmonicPrediction(const Cage<3>& cage, const DistanceIndex<
       sums_(parts_.kernels.panels(), parts_.data, has_dipoles() ? parts_.densities.inside : parts_.densities.indirect,
             has_dipoles() ? &parts_.dipoles : nullptr),
       missing_(cage, static_cast<size_t>(columns()), kNodes) {
-  if (has_dipoles()) expansions_.emplace(sums_, parts_.kernels.panels());
+  if (has_dipoles() && LocalExpansions::hold(sums_)) expansions_.emplace(sums_, parts_.kernels.panels());
 }
 
 void HarmonicPrediction::find_missing() {

@@ -1,7 +1,8 @@
 #pragma once
 
 // A prediction of harmonic coordinates to be corrected by walks: a small boundary-element solution, evaluated in
-// floats, and what it misses on the cage. Whatever its error, it is harmonic, so that
+// floats, inside of closed cages by local expansions, and what it misses on the cage. Whatever its error, it is
+// harmonic, so that
 //
 //   alpha_v(x) = h_v(x) + E[phi_v(y) - h_v(y)],   y: where a walk from x ends
 //
@@ -10,10 +11,10 @@
 // solve/boundary_data.h, from which the projection makes coordinates.
 //
 // Not corrected is what straight lines between the nodes of the table of what is missing leave out: less than .001 of
-// coordinates, for on elements that cut each other it is evaluated where it bends more. Nor are the roundings of
-// floats: closed cages thinner than a thousandth of their diagonal are lost in them seen from outside (a box of 2 x 2 x
-// .002: coordinates of 350 are off by 140). Outside, panels of a twisted quad may lie on the other side of a point next
-// to it: there slopes are those of that side.
+// coordinates, for on elements that cut each other it is evaluated where it bends more. Nor is what expansions leave
+// out, some 2e-5 of a row, or the roundings of floats: closed cages thinner than a thousandth of their diagonal are
+// lost in them seen from outside (a box of 2 x 2 x .002: coordinates of 350 are off by 140). Outside, panels of a
+// twisted quad may lie on the other side of a point next to it: there slopes are those of that side.
 //
 // Depends on the cage alone. Const and thread-safe; deterministic.
 
@@ -83,7 +84,7 @@ class HarmonicPrediction {
   const DistanceIndex<3>& distance_;
   BoundaryParts parts_;
   PanelSums sums_;
-  std::optional<LocalExpansions> expansions_;  // with dipoles
+  std::optional<LocalExpansions> expansions_;  // with dipoles, where they hold
   ResidualTable missing_;
 };
 

@@ -25,6 +25,11 @@ void PrintTo(const Case& some, std::ostream* out) {
   *out << some.name;
 }
 
+Shape flat_box(double depth) {
+  return testing::box().mapped(
+      [&](const Eigen::VectorXd& x) { return Eigen::Vector3d(x[0], x[1], 0.5 * depth * x[2]); });
+}
+
 BoundaryParts solved(const Cage<3>& cage, uint32_t panels) {
   auto solver = BoundarySolver::create(cage, {.panels = panels, .sides = BoundarySides::kInside});
   EXPECT_TRUE(solver.ok());
@@ -88,12 +93,14 @@ TEST_P(LocalExpansionsOf, AreNearlyTheSums) {
     const auto at = static_cast<Eigen::Index>(i);
     const Eigen::RowVectorXf error = rows.values.row(at) - sums.values.row(at);
     const auto where = points[i].transpose();
-    EXPECT_LT(error.cwiseAbs().maxCoeff(), 5e-4f) << where;
-    EXPECT_NEAR(rows.enclosed[i], sums.enclosed[i], 1e-3f) << where;
     if (points[i].cwiseAbs().maxCoeff() > 0.5) {
       EXPECT_TRUE(error.isZero(0)) << where;
       continue;
     }
+    // Outside nobody asks: the densities are those of the inside.
+    EXPECT_NEAR(rows.enclosed[i], sums.enclosed[i], 1e-3f) << where;
+    if (sums.enclosed[i] < 0.25f) continue;
+    EXPECT_LT(error.cwiseAbs().maxCoeff(), 5e-4f) << where;
     ++expanded;
     row_squares += double{error.squaredNorm()};
     for (size_t k = 0; k < 3; ++k) {
@@ -147,6 +154,16 @@ TEST_P(LocalExpansionsOf, HaveTheSameBitsOverVectorWidths) {
   EXPECT_TRUE(same(wide, 0, rows));
 }
 
+// The walls of a thin box carry charges that nearly cancel.
+TEST(LocalExpansions, HoldWhereFloatsDo) {
+  for (const auto& [depth, hold] : {std::pair{0.1, true}, std::pair{0.02, false}, std::pair{0.002, false}}) {
+    const Cage<3> cage = *Cage<3>::create(flat_box(depth).input());
+    const BoundaryParts parts = solved(cage, 300);
+    const PanelSums sums(parts.kernels.panels(), parts.data, parts.densities.inside, &parts.dipoles);
+    EXPECT_EQ(LocalExpansions::hold(sums), hold) << depth;
+  }
+}
+
 // A million points ask for no more cells than there are.
 TEST_P(LocalExpansionsOf, TakeTheBytesThatAreStated) {
   const auto columns = static_cast<size_t>(sums_.column_count());
@@ -168,12 +185,12 @@ TEST_P(LocalExpansionsOf, TakeTheBytesThatAreStated) {
   EXPECT_LE(LocalExpansions::most_bytes(10, columns), LocalExpansions::most_bytes(1000, columns));
 }
 
-INSTANTIATE_TEST_SUITE_P(Cages, LocalExpansionsOf,
-                         ::testing::Values(Case{"tetrahedron", testing::tetrahedron(), 60},
-                                           Case{"box", testing::box(), 300},
-                                           Case{"bent_prism", testing::bent_prism(), 100},
-                                           Case{"sphere", testing::sphere(6, 1.0), 400}),
-                         [](const auto& info) { return std::string(info.param.name); });
+INSTANTIATE_TEST_SUITE_P(
+    Cages, LocalExpansionsOf,
+    ::testing::Values(Case{"tetrahedron", testing::tetrahedron(), 60}, Case{"box", testing::box(), 300},
+                      Case{"bent_prism", testing::bent_prism(), 100}, Case{"flat_box", flat_box(0.1), 300},
+                      Case{"mixed_prism", testing::mixed_prism(), 150}, Case{"sphere", testing::sphere(6, 1.0), 400}),
+    [](const auto& info) { return std::string(info.param.name); });
 
 }  // namespace
 }  // namespace barycast
