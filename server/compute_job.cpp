@@ -126,8 +126,8 @@ ComputeJob::Step ComputeJob::step(const std::atomic<bool>& cancel, bool report) 
   Step step;
   state_.counters.steps.fetch_add(1, std::memory_order_relaxed);
   const Binding::Step done = binding_->advance(cancel);
-  // Every piece of work may have filled some of the cage's tables.
-  if (plan_->options.tables) state_.cages.recount(*index_);
+  // Every piece of work may have made some of the prediction's cells, or of the cage's tables.
+  if (plan_->options.estimator == Estimator::kPredicted) state_.cages.recount(*index_);
   switch (done) {
     case Binding::Step::kWorking:
       if (report) step.message = progress_message();

@@ -172,12 +172,11 @@ class PredictedBinding final : public Binding {
       for (size_t begin = 0; begin < points.size(); begin += kPointsPerWalk)
         if (!correct(points, begin, std::min(kPointsPerWalk, points.size() - begin), cancel, task)) return false;
     }
-    estimator_.evaluate(points, task.places, task.corrections, task.workspace,
-                        [&](size_t i, const CorrectedEstimator::Rows& evaluated) {
-                          finish_row(points[i], task.places[i], evaluated, rows[i]);
-                          if (targeted()) rows[i].noise = task.errors[i];
-                        });
-    return true;
+    return estimator_.evaluate(points, task.places, task.corrections, cancel, task.workspace,
+                               [&](size_t i, const CorrectedEstimator::Rows& evaluated) {
+                                 finish_row(points[i], task.places[i], evaluated, rows[i]);
+                                 if (targeted()) rows[i].noise = task.errors[i];
+                               });
   }
 
   // Some of a task's points.

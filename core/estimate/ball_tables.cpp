@@ -56,7 +56,7 @@ void quantize(const std::vector<float>& coefficients, size_t width, BallTable& t
     float largest = 0.0f;
     for (size_t v = 0; v < width; ++v) largest = std::max(largest, std::abs(row[v]));
     table.step[j] = largest / kMost;
-    const float steps = largest > 0 ? kMost / largest : 0.0f;
+    const float steps = largest > 1e-30f ? kMost / largest : 0.0f;
     for (size_t v = 0; v < width; ++v)
       table.coefficients[j * width + v] = static_cast<int16_t>(std::nearbyint(row[v] * steps));
   }

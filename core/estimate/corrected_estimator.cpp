@@ -201,11 +201,12 @@ bool CorrectedEstimator::correct_to(double target, std::span<const Vec<3>> point
   return true;
 }
 
-void CorrectedEstimator::predict(std::span<const CorrectedPoint> places, bool elsewhere, bool gradients,
-                                 Workspace& workspace) const {
+bool CorrectedEstimator::predict(std::span<const CorrectedPoint> places, bool elsewhere, bool gradients,
+                                 const std::atomic<bool>& cancel, Workspace& workspace) const {
   workspace.points.clear();
   for (const size_t i : workspace.chosen) workspace.points.push_back(places[i].origin);
-  if (!workspace.chosen.empty()) prediction(elsewhere).evaluate(workspace.points, gradients, workspace.rows);
+  return workspace.chosen.empty() ||
+         prediction(elsewhere).evaluate(workspace.points, gradients, cancel, workspace.rows);
 }
 
 bool CorrectedEstimator::correct_moments(std::span<CorrectedPoint> points, const std::atomic<bool>& cancel,
@@ -213,7 +214,7 @@ bool CorrectedEstimator::correct_moments(std::span<CorrectedPoint> points, const
   workspace.chosen.clear();
   for (size_t i = 0; i < points.size(); ++i)
     if (points[i].elsewhere) workspace.chosen.push_back(i);
-  predict(points, true, false, workspace);
+  if (!predict(points, true, false, cancel, workspace)) return false;
   const auto n = static_cast<Eigen::Index>(columns());
   BoundaryData::Row predicted(n), corrected(n);
   std::array<BoundaryData::Row, 3> no_gradients;
@@ -274,9 +275,9 @@ void CorrectedEstimator::finish(const Vec<3>& x, const CorrectedPoint& place, st
   }
 }
 
-void CorrectedEstimator::evaluate(std::span<const Vec<3>> points, std::span<const CorrectedPoint> places,
-                                  std::span<const float> corrections, Workspace& workspace,
-                                  const std::function<void(size_t, const Rows&)>& row) const {
+bool CorrectedEstimator::evaluate(std::span<const Vec<3>> points, std::span<const CorrectedPoint> places,
+                                  std::span<const float> corrections, const std::atomic<bool>& cancel,
+                                  Workspace& workspace, const std::function<void(size_t, const Rows&)>& row) const {
   Rows rows;
   for (const bool elsewhere : {false, true})
     for (const bool sloped : {false, true}) {
@@ -287,7 +288,7 @@ void CorrectedEstimator::evaluate(std::span<const Vec<3>> points, std::span<cons
         for (; next < points.size() && workspace.chosen.size() < most; ++next)
           if (places[next].elsewhere == elsewhere && (settings_.gradients || places[next].on_cage) == sloped)
             workspace.chosen.push_back(next);
-        predict(places, elsewhere, sloped, workspace);
+        if (!predict(places, elsewhere, sloped, cancel, workspace)) return false;
         for (BoundaryData::Row& partial : rows.gradients) partial.resize(0);
         for (size_t k = 0; k < workspace.chosen.size(); ++k) {
           const size_t i = workspace.chosen[k];
@@ -299,6 +300,7 @@ void CorrectedEstimator::evaluate(std::span<const Vec<3>> points, std::span<cons
         }
       }
     }
+  return true;
 }
 
 }  // namespace barycast

@@ -108,9 +108,10 @@ class CorrectedEstimator {
   // Predictions with their corrections: calls row(i, rows) for every point, in no particular order. On the cage, with
   // the prediction's gradient g where samples start, phi_v(y) + g_v . (x - y) [SBC 4.5], which is exact there. Const
   // and thread-safe, a workspace per thread. Elsewhere than inside no more than so many are predicted together.
+  // False: `cancel` was seen set.
   static constexpr size_t kElsewhereTogether = 64;
-  void evaluate(std::span<const Vec<3>> points, std::span<const CorrectedPoint> places,
-                std::span<const float> corrections, Workspace& workspace,
+  bool evaluate(std::span<const Vec<3>> points, std::span<const CorrectedPoint> places,
+                std::span<const float> corrections, const std::atomic<bool>& cancel, Workspace& workspace,
                 const std::function<void(size_t, const Rows&)>& row) const;
 
  private:
@@ -133,7 +134,8 @@ class CorrectedEstimator {
   bool blend_tables(std::span<const CorrectedPoint> places, const std::atomic<bool>& cancel, Workspace& workspace,
                     std::span<float> corrections) const;
   // Evaluates a prediction at the origins of the chosen places, all on one side.
-  void predict(std::span<const CorrectedPoint> places, bool elsewhere, bool gradients, Workspace& workspace) const;
+  bool predict(std::span<const CorrectedPoint> places, bool elsewhere, bool gradients, const std::atomic<bool>& cancel,
+               Workspace& workspace) const;
   void project(const Vec<3>& origin, Rows& rows) const;
   void finish(const Vec<3>& x, const CorrectedPoint& place, std::span<const float> correction, Rows& rows) const;
   bool correct_moments(std::span<CorrectedPoint> points, const std::atomic<bool>& cancel, Workspace& workspace,

@@ -11,10 +11,9 @@ namespace {
 // A panel is far from a cell where all of it is at least this many times as far from the middle as the cell's corners.
 // FireHydrant's cage, rows off by: 3e-5 with 1.3, 1e-5 with 1.7, 5e-6 with 2, at 2.0, 2.2, 2.6 us.
 constexpr double kFar = 1.7;
-// What the degrees beyond the last leave out falls with the distance as this power of it, in proportion to the panel's
-// charge. Those of the cages of character models are at most kUsualCharge, of a box of 2 x 2 x .02 at most .07, of
-// 2 x 2 x .002 76.
-constexpr double kFalloff = kSumDegree + 1, kUsualCharge = 6e-3, kChargeMost = 0.05;
+// Of a column, over its panels, of charge by radius: what potentials there may be. Cages of character models have at
+// most 1, where floats begin to lose digits it is 3 to 7, in a box of 2 x 2 x .002 4,500.
+constexpr double kPotentialMost = 2.0;
 
 constexpr size_t kFitPoints = kSumPoints;  // a batch, a third more than there are terms
 constexpr auto kTerms = static_cast<Eigen::Index>(kSumTerms);
@@ -88,9 +87,9 @@ struct Fit {
   }
 };
 
-// What most of a cell's memory is.
+// Of a cell, about.
 size_t cell_bytes(size_t columns) {
-  constexpr size_t kRest = 800;
+  constexpr size_t kRest = 1200;
   return kSumTerms * ((columns + kSumLanes - 1) / kSumLanes) * sizeof(SumLine) + kRest;
 }
 
@@ -114,51 +113,94 @@ struct LocalExpansions::Cell {
   Cell(const Cell&) = delete;
   Cell& operator=(const Cell&) = delete;
 
+  bool is_far(const Panel& panel) const { return (panel.centre - middle).norm() - panel.radius >= kFar * reach; }
   size_t held() const { return near.size() * sizeof(uint32_t) + coefficients.size() * sizeof(SumLine); }
   size_t bytes() const { return sizeof(*this) + held(); }
 };
 
 struct LocalExpansions::CoarseCell : Cell {
-  using Cell::Cell;
-  std::array<PublishOnce<Cell>, 8> fine;
+  explicit CoarseCell(uint32_t number) : Cell(place(number), kCoarse) {}
+  static std::array<uint32_t, 3> place(uint32_t number) {
+    return {number % kCoarse, number / kCoarse % kCoarse, number / kCoarse / kCoarse};
+  }
+  std::array<PublishOnce<Cell>, kChildren> fine;
   size_t bytes() const { return sizeof(*this) + held(); }
 };
 
 LocalExpansions::LocalExpansions(const PanelSums& sums, const Panels& panels, size_t bytes_max)
     : sums_(sums),
       panels_(panels),
-      bytes_max_(bytes_max),
-      coarse_(kCoarse * kCoarse * kCoarse),
-      bytes_(sizeof(*this) + coarse_.size() * sizeof(coarse_[0])) {
-  for (const uint32_t p : sums.all_panels())
-    far_.push_back(kFar * std::pow(std::max(1.0, sums.charge(p) / kUsualCharge), 1 / kFalloff));
-  bytes_ += far_.size() * sizeof(double);
+      uses_(kCoarse * kCoarse * kCoarse, Use::kNone),
+      coarse_(uses_.size()),
+      bytes_(sizeof(*this) + uses_.size() * (sizeof(Use) + sizeof(coarse_[0]))) {
+  choose_uses(bytes_max);
 }
 
 LocalExpansions::~LocalExpansions() = default;
 
-bool LocalExpansions::hold(const PanelSums& sums) {
-  return std::all_of(sums.all_panels().begin(), sums.all_panels().end(),
-                     [&](uint32_t panel) { return sums.charge(panel) <= kChargeMost; });
+void LocalExpansions::choose_uses(size_t bytes_max) {
+  Eigen::Array3d low = Eigen::Array3d::Constant(1.0), high = -low;
+  for (const Panel& panel : panels_.panels)
+    for (const Vec<3>& corner : panel.corner) {
+      low = low.min(corner.array());
+      high = high.max(corner.array());
+    }
+  struct Candidate {
+    size_t near;
+    uint32_t number;
+  };
+  std::vector<Candidate> candidates;
+  for (uint32_t number = 0; number < uses_.size(); ++number) {
+    const CoarseCell cell(number);
+    const double half = 0.5 / kCoarse;
+    if ((cell.middle.array() + half < low).any() || (cell.middle.array() - half > high).any()) continue;
+    const auto near = std::count_if(panels_.panels.begin(), panels_.panels.end(),
+                                    [&](const Panel& panel) { return !cell.is_far(panel); });
+    candidates.push_back({static_cast<size_t>(near), number});
+  }
+  std::stable_sort(candidates.begin(), candidates.end(),
+                   [](const Candidate& a, const Candidate& b) { return a.near > b.near; });
+  const size_t of_cell = cell_bytes(static_cast<size_t>(sums_.column_count())), cells = bytes_max / of_cell;
+  size_t used = 0;
+  for (const auto& [near, number] : candidates) {
+    if (used == cells) break;
+    uses_[number] = Use::kWhole;
+    ++used;
+  }
+  for (const auto& [near, number] : candidates) {
+    if (used + kChildren > cells) break;
+    uses_[number] = Use::kDivided;
+    used += kChildren;
+  }
 }
 
-uint32_t LocalExpansions::name_of(const Vec<3>& x) {
-  uint32_t name = 0;
-  for (Eigen::Index k = 3; k-- > 0;) {
-    const double at = std::floor((x[k] + 0.5) * kFine);
-    if (!(at >= 0 && at < kFine)) return kFine * kFine * kFine;
-    name = name * kFine + static_cast<uint32_t>(at);
+bool LocalExpansions::hold(const PanelSums& sums, const Panels& panels) {
+  for (size_t column = 0; column < static_cast<size_t>(sums.column_count()); ++column) {
+    double potential = 0.0;
+    for (size_t p = 0; p < panels.panels.size(); ++p) potential += sums.charge(p, column) / panels.panels[p].radius;
+    if (!(potential <= kPotentialMost)) return false;
   }
-  return name;
+  return true;
+}
+
+uint32_t LocalExpansions::name_of(const Vec<3>& x) const {
+  uint32_t number = 0, child = 0;
+  for (Eigen::Index k = 3; k-- > 0;) {
+    const double at = std::floor((x[k] + 0.5) * (2 * kCoarse));
+    if (!(at >= 0 && at < 2 * kCoarse)) return kOutside;
+    const auto fine = static_cast<uint32_t>(at);
+    number = number * kCoarse + fine / 2;
+    child = child * 2 + fine % 2;
+  }
+  if (uses_[number] == Use::kNone) return kOutside;
+  return number * (kChildren + 1) + (uses_[number] == Use::kDivided ? child : kWhole);
 }
 
 // Those of the candidates that are far, and what others add up to, as an expansion; the rest stays near.
 void LocalExpansions::expand(std::span<const uint32_t> candidates, const SumExpansion* others, Cell& cell) const {
   std::vector<uint32_t> far;
   for (const uint32_t p : candidates) {
-    const Panel& panel = panels_.panels[p];
-    const bool is_far = (panel.centre - cell.middle).norm() - panel.radius >= far_[p] * cell.reach;
-    (is_far ? far : cell.near).push_back(p);
+    (cell.is_far(panels_.panels[p]) ? far : cell.near).push_back(p);
   }
   const Fit& fit = Fit::get();
   std::array<Vec<3>, kFitPoints> points;
@@ -189,69 +231,60 @@ void LocalExpansions::expand(std::span<const uint32_t> candidates, const SumExpa
 }
 
 template <class T>
-const T& LocalExpansions::keep(std::unique_ptr<const T> made, const PublishOnce<T>& place,
-                               std::unique_ptr<const T>& dropped) const {
-  const T& cell = *made;
-  const size_t bytes = cell.bytes();
-  if (bytes_.fetch_add(bytes, std::memory_order_relaxed) + bytes <= bytes_max_ && place.publish(made)) return cell;
-  bytes_.fetch_sub(bytes, std::memory_order_relaxed);
-  dropped = std::move(made);
-  return cell;
+const T& LocalExpansions::keep(std::unique_ptr<const T> made, const PublishOnce<T>& place) const {
+  const size_t bytes = made->bytes();
+  if (place.publish(made)) bytes_.fetch_add(bytes, std::memory_order_relaxed);
+  return *place.get();
 }
 
-const LocalExpansions::CoarseCell& LocalExpansions::coarse_cell(const std::array<uint32_t, 3>& at,
-                                                                std::unique_ptr<const CoarseCell>& dropped) const {
-  const PublishOnce<CoarseCell>& place = coarse_[(at[2] * kCoarse + at[1]) * kCoarse + at[0]];
+const LocalExpansions::CoarseCell& LocalExpansions::coarse_cell(uint32_t number) const {
+  const PublishOnce<CoarseCell>& place = coarse_[number];
   if (const CoarseCell* const there = place.get(); there != nullptr) return *there;
-  auto cell = std::make_unique<CoarseCell>(at, kCoarse);
+  auto cell = std::make_unique<CoarseCell>(number);
   expand(sums_.all_panels(), nullptr, *cell);
-  return keep<CoarseCell>(std::move(cell), place, dropped);
+  return keep<CoarseCell>(std::move(cell), place);
 }
 
-const LocalExpansions::Cell& LocalExpansions::fine_cell(uint32_t name, std::unique_ptr<const Cell>& dropped) const {
-  const std::array<uint32_t, 3> at = {name % kFine, name / kFine % kFine, name / kFine / kFine};
-  std::unique_ptr<const CoarseCell> dropped_coarse;
-  const CoarseCell& coarse = coarse_cell({at[0] / 2, at[1] / 2, at[2] / 2}, dropped_coarse);
-  const PublishOnce<Cell>& place = coarse.fine[at[0] % 2 + at[1] % 2 * 2 + at[2] % 2 * 4];
+const LocalExpansions::Cell& LocalExpansions::cell(uint32_t name) const {
+  const uint32_t number = name / (kChildren + 1), child = name % (kChildren + 1);
+  const CoarseCell& coarse = coarse_cell(number);
+  if (child == kWhole) return coarse;
+  const PublishOnce<Cell>& place = coarse.fine[child];
   if (const Cell* const there = place.get(); there != nullptr) return *there;
-  auto cell = std::make_unique<Cell>(at, kFine);
+  std::array<uint32_t, 3> at = CoarseCell::place(number);
+  for (size_t k = 0; k < 3; ++k) at[k] = 2 * at[k] + (child >> k & 1);
+  auto cell = std::make_unique<Cell>(at, 2 * kCoarse);
   expand(coarse.near, &coarse.expansion, *cell);
-  // In a coarse cell that is dropped it would not stay.
-  if (dropped_coarse) {
-    dropped = std::move(cell);
-    return *dropped;
-  }
-  return keep<Cell>(std::move(cell), place, dropped);
+  return keep<Cell>(std::move(cell), place);
 }
 
-void LocalExpansions::evaluate(std::span<const Vec<3>> points, bool gradients, PanelSums::Rows& out) const {
+bool LocalExpansions::evaluate(std::span<const Vec<3>> points, bool gradients, const std::atomic<bool>& cancel,
+                               PanelSums::Rows& out) const {
   // Points of a cell follow each other.
   std::vector<std::pair<uint32_t, size_t>> order;
   order.reserve(points.size());
   for (size_t i = 0; i < points.size(); ++i) order.emplace_back(name_of(points[i]), i);
   std::sort(order.begin(), order.end());
   PanelSums::Evaluator evaluator(sums_, points.size(), sums_.column_count(), gradients, out);
-  std::unique_ptr<const Cell> dropped;
-  PanelSums::Part part;
   std::vector<Vec<3>> some;
   std::vector<size_t> rows;
   for (size_t i = 0; i < order.size();) {
+    if (cancel.load(std::memory_order_relaxed)) return false;
     const uint32_t name = order[i].first;
-    if (i == 0 || name != order[i - 1].first) {
-      part = {.panels = sums_.all_panels()};
-      if (name < kFine * kFine * kFine) {
-        const Cell& cell = fine_cell(name, dropped);
-        part = {cell.near, &cell.expansion};
-      }
-    }
     some.clear();
     rows.clear();
     for (; i < order.size() && order[i].first == name && rows.size() < kSumPoints; ++i) {
       rows.push_back(order[i].second);
       some.push_back(points[order[i].second]);
     }
+    PanelSums::Part part{.panels = sums_.all_panels()};
+    if (name != kOutside) {
+      const Cell& of_points = cell(name);
+      part = {of_points.near, &of_points.expansion};
+    }
     evaluator.fill(part, some, rows);
   }
+  return true;
 }
 
 // Cages have a box whose diagonal is 1: at most a cube of edge 1 / sqrt(3), in which a surface passes through some 320
@@ -263,7 +296,8 @@ size_t LocalExpansions::expected_bytes(size_t points, size_t columns) {
 }
 
 size_t LocalExpansions::most_bytes(size_t points, size_t columns) {
-  constexpr size_t kFineMost = 10 * 10 * 10, kCoarseMost = 6 * 6 * 6;
+  // Of edges 12 : 10 : 10, and of a cube.
+  constexpr size_t kFineMost = 12 * 10 * 10, kCoarseMost = 6 * 6 * 6;
   return std::min(kBytesMax, (std::min(points, kFineMost) + std::min(points, kCoarseMost)) * cell_bytes(columns));
 }
 

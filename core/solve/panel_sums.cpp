@@ -169,16 +169,12 @@ SumTables PanelSums::tables() const {
           .basis_count = static_cast<size_t>(basis_count_)};
 }
 
-double PanelSums::charge(size_t panel) const {
+double PanelSums::charge(size_t panel, size_t column) const {
   const size_t lines = rounded_up(static_cast<size_t>(column_count_)) / kSumLanes;
-  float most = 0.0f;
-  for (size_t line = 0; line < lines; ++line)
-    for (size_t lane = 0; lane < kSumLanes; ++lane) {
-      float sum = 0.0f;
-      for (size_t k = 0; k < 3; ++k) sum += std::abs(densities_[(3 * panel + k) * lines + line].lane[lane]);
-      most = std::max(most, sum);
-    }
-  return double{most * points_[panel].charge};
+  float sum = 0.0f;
+  for (size_t k = 0; k < 3; ++k)
+    sum += std::abs(densities_[(3 * panel + k) * lines + column / kSumLanes].lane[column % kSumLanes]);
+  return double{sum * points_[panel].charge};
 }
 
 size_t PanelSums::bytes() const {

@@ -56,8 +56,8 @@ class PanelSums {
     const SumExpansion* others = nullptr;
   };
   std::span<const uint32_t> all_panels() const { return all_panels_; }
-  // Of a panel, of the column that has most of it there, in magnitude.
-  double charge(size_t panel) const;
+  // Of a column on a panel, in magnitude.
+  double charge(size_t panel, size_t column) const;
 
   // Fills rows of a table, of as many points at a time as a batch has, each batch by a part of its own. For one thread;
   // `sums` and `out` must outlive it.

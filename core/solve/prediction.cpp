@@ -73,7 +73,8 @@ HarmonicPrediction::HarmonicPrediction(const Cage<3>& cage, const DistanceIndex<
       sums_(parts_.kernels.panels(), parts_.data, has_dipoles() ? parts_.densities.inside : parts_.densities.indirect,
             has_dipoles() ? &parts_.dipoles : nullptr),
       missing_(cage, static_cast<size_t>(columns()), kNodes) {
-  if (has_dipoles() && LocalExpansions::hold(sums_)) expansions_.emplace(sums_, parts_.kernels.panels());
+  if (has_dipoles() && LocalExpansions::hold(sums_, parts_.kernels.panels()))
+    expansions_.emplace(sums_, parts_.kernels.panels());
 }
 
 void HarmonicPrediction::find_missing() {
@@ -126,12 +127,17 @@ void HarmonicPrediction::continue_beyond_panels(const CagePoint<3>& y, const Vec
   for (size_t k = 0; gradients && k < 3; ++k) rows.gradients[k].row(at) += (outside * jump->gradient[k]).cast<float>();
 }
 
-void HarmonicPrediction::evaluate(std::span<const Vec<3>> points, bool gradients, Rows& out) const {
-  if (!expansions_) return sums_.evaluate(points, columns(), gradients, out);
-  expansions_->evaluate(points, gradients, out);
+bool HarmonicPrediction::evaluate(std::span<const Vec<3>> points, bool gradients, const std::atomic<bool>& cancel,
+                                  Rows& out) const {
+  if (!expansions_)
+    sums_.evaluate(points, columns(), gradients, out);
+  else if (!expansions_->evaluate(points, gradients, cancel, out))
+    return false;
+  if (!has_dipoles()) return true;
   for (size_t i = 0; i < points.size(); ++i)
     if (outside_part(double{out.enclosed[i]}) > 0.0)
       continue_beyond_panels(distance_.closest(points[i]), points[i], i, gradients, out);
+  return true;
 }
 
 size_t HarmonicPrediction::bytes(const CageSize& size, BoundarySides side) {

@@ -18,6 +18,7 @@
 //
 // Depends on the cage alone. Const and thread-safe; deterministic.
 
+#include <atomic>
 #include <memory>
 #include <optional>
 
@@ -49,8 +50,8 @@ class HarmonicPrediction {
 
   using Rows = PanelSums::Rows;
   // h at points of the side, a row each; with gradients per diagonal if asked for. A point's row depends on that point
-  // alone, bit for bit.
-  void evaluate(std::span<const Vec<3>> points, bool gradients, Rows& out) const;
+  // alone, bit for bit. False: `cancel` was seen set.
+  bool evaluate(std::span<const Vec<3>> points, bool gradients, const std::atomic<bool>& cancel, Rows& out) const;
 
   // Adds weight times what the prediction misses at a point of the cage to columns() sums, from a table.
   void add_missing(uint32_t element, const std::array<double, 4>& shares, double weight, std::span<double> sum) const {

@@ -8,6 +8,7 @@
 #include <hwy/targets.h>
 #include <random>
 
+#include "bind/binding.h"
 #include "solve/boundary_elements.h"
 #include "support/shapes.h"
 
@@ -28,6 +29,12 @@ void PrintTo(const Case& some, std::ostream* out) {
 Shape flat_box(double depth) {
   return testing::box().mapped(
       [&](const Eigen::VectorXd& x) { return Eigen::Vector3d(x[0], x[1], 0.5 * depth * x[2]); });
+}
+
+// Of edges that have a cage pass through as many cells as may be.
+Shape long_box() {
+  return testing::box().mapped(
+      [](const Eigen::VectorXd& x) { return Eigen::Vector3d(5.28 * x[0], 4.25 * x[1], 4.25 * x[2]); });
 }
 
 BoundaryParts solved(const Cage<3>& cage, uint32_t panels) {
@@ -68,7 +75,7 @@ class LocalExpansionsOf : public ::testing::TestWithParam<Case> {
 
   PanelSums::Rows evaluate(const LocalExpansions& expansions, std::span<const Vec<3>> points, bool gradients) const {
     PanelSums::Rows rows;
-    expansions.evaluate(points, gradients, rows);
+    EXPECT_TRUE(expansions.evaluate(points, gradients, kNeverCancelled, rows));
     return rows;
   }
 };
@@ -100,7 +107,7 @@ TEST_P(LocalExpansionsOf, AreNearlyTheSums) {
     // Outside nobody asks: the densities are those of the inside.
     EXPECT_NEAR(rows.enclosed[i], sums.enclosed[i], 1e-3f) << where;
     if (sums.enclosed[i] < 0.25f) continue;
-    EXPECT_LT(error.cwiseAbs().maxCoeff(), 5e-4f) << where;
+    EXPECT_LT(error.cwiseAbs().maxCoeff(), 8e-4f) << where;
     ++expanded;
     row_squares += double{error.squaredNorm()};
     for (size_t k = 0; k < 3; ++k) {
@@ -127,20 +134,70 @@ TEST_P(LocalExpansionsOf, HaveTheSameBitsInEveryList) {
   EXPECT_TRUE(evaluate(expansions_, points, true).values == evaluate(expansions_, points, false).values);
 }
 
-// Whether cells are there, are made by several threads at a time, or cannot be kept, some of them or all.
-TEST_P(LocalExpansionsOf, HaveTheSameBitsWhateverIsKept) {
+// Whether cells are there, or are made by several threads at a time.
+TEST_P(LocalExpansionsOf, HaveTheSameBitsWhateverIsThere) {
   const std::vector<Vec<3>> points = places();
   const PanelSums::Rows all = evaluate(expansions_, points, true);
-  const size_t empty = LocalExpansions(sums_, panels_).bytes();
-  EXPECT_GT(expansions_.bytes(), empty);
-  for (const size_t kept : {size_t{0}, empty + 20'000, empty + 400'000}) {
-    const LocalExpansions bounded(sums_, panels_, kept);
-    for (int twice = 0; twice < 2; ++twice)
-      tbb::parallel_for(size_t{0}, points.size(), [&](size_t i) {
-        EXPECT_TRUE(same(all, i, evaluate(bounded, std::span(points).subspan(i, 1), true)));
-      });
-    EXPECT_LE(bounded.bytes(), std::max(kept, empty));
+  const LocalExpansions fresh(sums_, panels_);
+  for (int twice = 0; twice < 2; ++twice)
+    tbb::parallel_for(size_t{0}, points.size(), [&](size_t i) {
+      EXPECT_TRUE(same(all, i, evaluate(fresh, std::span(points).subspan(i, 1), true)));
+    });
+  EXPECT_EQ(fresh.bytes(), expansions_.bytes());
+}
+
+// Cells for which there is no memory are larger ones, or none.
+TEST_P(LocalExpansionsOf, StayWithinTheirMemory) {
+  const std::vector<Vec<3>> points = places();
+  PanelSums::Rows sums;
+  sums_.evaluate(points, sums_.column_count(), false, sums);
+  const size_t empty = LocalExpansions(sums_, panels_, 0).bytes();
+  size_t before = empty;
+  for (const size_t most : {size_t{0}, size_t{300'000}, size_t{1'000'000}, size_t{3'000'000}}) {
+    const LocalExpansions bounded(sums_, panels_, most);
+    const PanelSums::Rows rows = evaluate(bounded, points, false);
+    EXPECT_LE(bounded.bytes(), empty + most);
+    EXPECT_GE(bounded.bytes(), before);
+    before = bounded.bytes();
+    EXPECT_EQ(rows.values == sums.values, most == 0);
+    for (size_t i = 0; i < points.size(); ++i) {
+      const auto at = static_cast<Eigen::Index>(i);
+      if (sums.enclosed[i] > 0.25f) {
+        EXPECT_LT((rows.values.row(at) - sums.values.row(at)).cwiseAbs().maxCoeff(), 8e-4f);
+      }
+    }
   }
+}
+
+// From one cell to the next.
+TEST_P(LocalExpansionsOf, HardlyJump) {
+  std::mt19937 random(4);
+  std::uniform_real_distribution<double> uniform(-0.4, 0.4);
+  std::vector<Vec<3>> points;
+  for (int i = 0; i < 500; ++i) {
+    Vec<3> x(uniform(random), uniform(random), uniform(random));
+    x[i % 3] = std::round(16 * x[i % 3]) / 16;
+    for (const double side : {-1e-9, 1e-9}) points.push_back(x + side * Vec<3>::Unit(i % 3));
+  }
+  const PanelSums::Rows rows = evaluate(expansions_, points, false);
+  size_t inside = 0;
+  for (size_t i = 0; i < points.size(); i += 2) {
+    if (rows.enclosed[i] < 0.9f) continue;
+    ++inside;
+    const auto at = static_cast<Eigen::Index>(i);
+    EXPECT_LT((rows.values.row(at) - rows.values.row(at + 1)).cwiseAbs().maxCoeff(), 8e-4f) << points[i].transpose();
+  }
+  EXPECT_GT(inside, 5u);
+}
+
+TEST_P(LocalExpansionsOf, HearThatTheyAreCancelled) {
+  const LocalExpansions fresh(sums_, panels_);
+  const size_t empty = fresh.bytes();
+  const std::vector<Vec<3>> points = places();
+  PanelSums::Rows rows;
+  const std::atomic<bool> cancel = true;
+  EXPECT_FALSE(fresh.evaluate(points, true, cancel, rows));
+  EXPECT_EQ(fresh.bytes(), empty);
 }
 
 TEST_P(LocalExpansionsOf, HaveTheSameBitsOverVectorWidths) {
@@ -154,43 +211,52 @@ TEST_P(LocalExpansionsOf, HaveTheSameBitsOverVectorWidths) {
   EXPECT_TRUE(same(wide, 0, rows));
 }
 
-// The walls of a thin box carry charges that nearly cancel.
+// The walls of thin cages carry charges that nearly cancel.
 TEST(LocalExpansions, HoldWhereFloatsDo) {
-  for (const auto& [depth, hold] : {std::pair{0.1, true}, std::pair{0.02, false}, std::pair{0.002, false}}) {
-    const Cage<3> cage = *Cage<3>::create(flat_box(depth).input());
-    const BoundaryParts parts = solved(cage, 300);
-    const PanelSums sums(parts.kernels.panels(), parts.data, parts.densities.inside, &parts.dipoles);
-    EXPECT_EQ(LocalExpansions::hold(sums), hold) << depth;
+  const auto flat_sphere = [](double depth) {
+    return testing::sphere(8, 1.0).mapped(
+        [&](const Eigen::VectorXd& x) { return Eigen::Vector3d(x[0], x[1], 0.5 * depth * x[2]); });
+  };
+  for (const auto& [shape, expected] :
+       {std::pair{flat_box(1.0), true}, std::pair{flat_box(0.02), false}, std::pair{flat_box(0.002), false},
+        std::pair{flat_sphere(0.6), true}, std::pair{flat_sphere(0.01), false}}) {
+    const Cage<3> cage = *Cage<3>::create(shape.input());
+    const BoundaryParts parts = solved(cage, 600);
+    const Panels& panels = parts.kernels.panels();
+    EXPECT_EQ(LocalExpansions::hold(PanelSums(panels, parts.data, parts.densities.inside, &parts.dipoles), panels),
+              expected);
   }
 }
 
-// A million points ask for no more cells than there are.
+// Points all over ask for all cells that there are.
 TEST_P(LocalExpansionsOf, TakeTheBytesThatAreStated) {
   const auto columns = static_cast<size_t>(sums_.column_count());
-  std::vector<Vec<3>> points;
-  const Eigen::Array3d low = panels_.panels[0].centre.array();
-  Eigen::Array3d least = low, most = low;
+  Eigen::Array3d least = panels_.panels[0].centre.array(), most = least;
   for (const Panel& panel : panels_.panels)
     for (const Vec<3>& corner : panel.corner) {
       least = least.min(corner.array());
       most = most.max(corner.array());
     }
+  std::vector<Vec<3>> points;
   for (int i = 0; i < 30; ++i)
     for (int j = 0; j < 30; ++j)
       for (int k = 0; k < 30; ++k) points.emplace_back(least + (most - least) * Eigen::Array3d(i, j, k) / 29.0);
+  const size_t empty = LocalExpansions(sums_, panels_).bytes();
   (void)evaluate(expansions_, points, false);
-  EXPECT_LE(expansions_.bytes(), LocalExpansions::most_bytes(points.size(), columns) + 100'000);
+  EXPECT_LE(expansions_.bytes(), empty + LocalExpansions::most_bytes(points.size(), columns));
   EXPECT_LE(LocalExpansions::expected_bytes(points.size(), columns),
             LocalExpansions::most_bytes(points.size(), columns));
   EXPECT_LE(LocalExpansions::most_bytes(10, columns), LocalExpansions::most_bytes(1000, columns));
 }
 
-INSTANTIATE_TEST_SUITE_P(
-    Cages, LocalExpansionsOf,
-    ::testing::Values(Case{"tetrahedron", testing::tetrahedron(), 60}, Case{"box", testing::box(), 300},
-                      Case{"bent_prism", testing::bent_prism(), 100}, Case{"flat_box", flat_box(0.1), 300},
-                      Case{"mixed_prism", testing::mixed_prism(), 150}, Case{"sphere", testing::sphere(6, 1.0), 400}),
-    [](const auto& info) { return std::string(info.param.name); });
+INSTANTIATE_TEST_SUITE_P(Cages, LocalExpansionsOf,
+                         ::testing::Values(Case{"tetrahedron", testing::tetrahedron(), 60},
+                                           Case{"box", testing::box(), 300}, Case{"long_box", long_box(), 200},
+                                           Case{"bent_prism", testing::bent_prism(), 100},
+                                           Case{"flat_box", flat_box(1.0), 300},
+                                           Case{"mixed_prism", testing::mixed_prism(), 150},
+                                           Case{"sphere", testing::sphere(6, 1.0), 400}),
+                         [](const auto& info) { return std::string(info.param.name); });
 
 }  // namespace
 }  // namespace barycast

@@ -73,9 +73,11 @@ class Corrected {
         slopes[i] << row.gradients[0].transpose(), row.gradients[1].transpose(), row.gradients[2].transpose();
       };
     };
-    estimator.evaluate(normalized, places, corrections, workspace, keep(rows.corrected, rows.corrected_slopes));
+    EXPECT_TRUE(estimator.evaluate(normalized, places, corrections, kNeverCancelled, workspace,
+                                   keep(rows.corrected, rows.corrected_slopes)));
     std::fill(corrections.begin(), corrections.end(), 0.0f);
-    estimator.evaluate(normalized, places, corrections, workspace, keep(rows.predicted, rows.predicted_slopes));
+    EXPECT_TRUE(estimator.evaluate(normalized, places, corrections, kNeverCancelled, workspace,
+                                   keep(rows.predicted, rows.predicted_slopes)));
     return rows;
   }
 
@@ -214,7 +216,7 @@ TEST(Prediction, InsideNothingJumpsBelowTwistedQuads) {
       if (!std::all_of(points.begin() + 1, points.end(), [&](const auto& x) { return structures.winding->inside(x); }))
         continue;
       HarmonicPrediction::Rows rows;
-      prediction->evaluate(points, false, rows);
+      EXPECT_TRUE(prediction->evaluate(points, false, kNeverCancelled, rows));
       for (Eigen::Index i = 1; i < rows.values.rows(); ++i, ++steps)
         EXPECT_LT((rows.values.row(i) - rows.values.row(i - 1)).norm(), 40 * step) << e << ", step " << i;
       // On the patch what is predicted and what it misses make the basis.
