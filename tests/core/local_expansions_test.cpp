@@ -10,11 +10,13 @@
 
 #include "bind/binding.h"
 #include "solve/boundary_elements.h"
+#include "support/panel_rows.h"
 #include "support/shapes.h"
 
 namespace barycast {
 namespace {
 
+using testing::same;
 using testing::Shape;
 
 struct Case {
@@ -79,15 +81,6 @@ class LocalExpansionsOf : public ::testing::TestWithParam<Case> {
     return rows;
   }
 };
-
-bool same(const PanelSums::Rows& all, size_t first, const PanelSums::Rows& some) {
-  const auto begin = static_cast<Eigen::Index>(first);
-  bool result = all.values.middleRows(begin, some.values.rows()) == some.values;
-  for (size_t k = 0; k < 3 && some.gradients[k].size() > 0; ++k)
-    result &= all.gradients[k].middleRows(begin, some.gradients[k].rows()) == some.gradients[k];
-  for (size_t i = 0; i < some.enclosed.size(); ++i) result &= all.enclosed[first + i] == some.enclosed[i];
-  return result;
-}
 
 TEST_P(LocalExpansionsOf, AreNearlyTheSums) {
   const std::vector<Vec<3>> points = places();

@@ -9,11 +9,13 @@
 #include <random>
 
 #include "solve/panel_kernels.h"
+#include "support/panel_rows.h"
 #include "support/shapes.h"
 
 namespace barycast {
 namespace {
 
+using testing::same;
 using testing::Shape;
 
 struct Case {
@@ -155,15 +157,6 @@ TEST_P(PanelSumsOf, OnEdgesAreFinite) {
     const auto row = rows.values.row(static_cast<Eigen::Index>(i)).cast<double>();
     EXPECT_LT((row - in_doubles(points[i]).rows.row(0)).cwiseAbs().maxCoeff(), 1e-5) << points[i].transpose();
   }
-}
-
-bool same(const PanelSums::Rows& all, size_t first, const PanelSums::Rows& some) {
-  const auto begin = static_cast<Eigen::Index>(first);
-  bool result = all.values.middleRows(begin, some.values.rows()) == some.values;
-  for (size_t k = 0; k < 3 && some.gradients[k].size() > 0; ++k)
-    result &= all.gradients[k].middleRows(begin, some.gradients[k].rows()) == some.gradients[k];
-  for (size_t i = 0; i < some.enclosed.size(); ++i) result &= all.enclosed[first + i] == some.enclosed[i];
-  return result;
 }
 
 TEST_P(PanelSumsOf, HaveTheSameBitsInEveryBatch) {
