@@ -226,7 +226,7 @@ class Model {
   // Of every thread: points that walk together with their samples, a task's points with predictions and corrections,
   // and walks.
   double predicted_constant(bool elsewhere) const {
-    constexpr double kWalking = 32.0;
+    constexpr double kWalking = kPredictedWalkTogether;
     const size_t count = size_.control_vertices, columns = elsewhere ? 4 * count + 6 : count;
     const size_t task = predicted_rows_per_task(count);
     const double samples = options_.samples * (kWalking * sizeof(Sample<D>) + kWalk);

@@ -88,8 +88,6 @@ class PredictedBinding final : public Binding {
     std::vector<float> corrections;
     std::vector<Randomizations::Error> errors;
   };
-  // Points whose walks a task advances together.
-  static constexpr size_t kPointsPerWalk = 32;
 
   bool targeted() const { return settings_.options.target_error > 0.0; }
   bool smoothed() const { return settings_.options.denoise == Denoise::kMesh; }
@@ -100,7 +98,7 @@ class PredictedBinding final : public Binding {
   Step sample_nodes(const std::atomic<bool>& cancel) {
     const StageTimer timer(summary_.sampling_s);
     const size_t first = nodes_sampled_, count = std::min(quantum_.size(), queries_.nodes.size() - first);
-    const bool complete = quantum_.run(count, kPointsPerWalk, cancel, [&](size_t begin, size_t end) {
+    const bool complete = quantum_.run(count, kPredictedWalkTogether, cancel, [&](size_t begin, size_t end) {
       const size_t from = first + begin, size = end - begin;
       return estimator_.correct(std::span(queries_.nodes).subspan(from, size), cancel, tasks_.local().workspace,
                                 std::span(places_).subspan(from, size),
@@ -169,8 +167,9 @@ class PredictedBinding final : public Binding {
       }
     } else {
       task.errors.resize(targeted() ? points.size() : 0);
-      for (size_t begin = 0; begin < points.size(); begin += kPointsPerWalk)
-        if (!correct(points, begin, std::min(kPointsPerWalk, points.size() - begin), cancel, task)) return false;
+      for (size_t begin = 0; begin < points.size(); begin += kPredictedWalkTogether)
+        if (!correct(points, begin, std::min(kPredictedWalkTogether, points.size() - begin), cancel, task))
+          return false;
     }
     return estimator_.evaluate(points, task.places, task.corrections, cancel, task.workspace,
                                [&](size_t i, const CorrectedEstimator::Rows& evaluated) {

@@ -11,6 +11,9 @@
 
 namespace barycast {
 
+// Points whose walks a task advances together.
+inline constexpr size_t kPredictedWalkTogether = 32;
+
 // Points that a task makes rows of, together: predictions are cheapest where each cell of local expansions has many
 // (solve/local_expansions.h); but rows should stay in the caches.
 inline size_t predicted_rows_per_task(size_t control_vertices) {

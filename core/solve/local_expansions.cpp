@@ -90,7 +90,7 @@ struct Fit {
 // Of a cell, about.
 size_t cell_bytes(size_t columns) {
   constexpr size_t kRest = 1200;
-  return kSumTerms * ((columns + kSumLanes - 1) / kSumLanes) * sizeof(SumLine) + kRest;
+  return kSumTerms * sum_lines(columns) * sizeof(SumLine) + kRest;
 }
 
 }  // namespace
@@ -199,9 +199,7 @@ uint32_t LocalExpansions::name_of(const Vec<3>& x) const {
 // Those of the candidates that are far, and what others add up to, as an expansion; the rest stays near.
 void LocalExpansions::expand(std::span<const uint32_t> candidates, const SumExpansion* others, Cell& cell) const {
   std::vector<uint32_t> far;
-  for (const uint32_t p : candidates) {
-    (cell.is_far(panels_.panels[p]) ? far : cell.near).push_back(p);
-  }
+  for (const uint32_t p : candidates) (cell.is_far(panels_.panels[p]) ? far : cell.near).push_back(p);
   const Fit& fit = Fit::get();
   std::array<Vec<3>, kFitPoints> points;
   std::array<size_t, kFitPoints> rows;
@@ -211,7 +209,7 @@ void LocalExpansions::expand(std::span<const uint32_t> candidates, const SumExpa
   PanelSums::Evaluator(sums_, kFitPoints, sums_.column_count(), false, sums).fill({far, others}, points, rows);
 
   const auto columns = static_cast<size_t>(sums_.column_count());
-  const size_t lines = (columns + kSumLanes - 1) / kSumLanes;
+  const size_t lines = sum_lines(columns);
   cell.coefficients.resize(kSumTerms * lines);
   for (size_t t = 0; t < kSumTerms; ++t) {
     float* __restrict const row = cell.coefficients[t * lines].lane.data();

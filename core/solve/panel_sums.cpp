@@ -18,7 +18,7 @@ constexpr double kSevenPointRadii = 4.0;
 constexpr double kFloatRadii = 1.25;
 
 size_t rounded_up(size_t count) {
-  return (count + kSumLanes - 1) / kSumLanes * kSumLanes;
+  return sum_lines(count) * kSumLanes;
 }
 
 template <class T>
@@ -130,7 +130,7 @@ PanelSums::PanelSums(const Panels& panels, const BoundaryData& data, const Densi
     triangles_.push_back(sum_triangle<float>(panel));
     exact_triangles_.push_back(sum_triangle<double>(panel));
   }
-  const size_t lines = rounded_up(static_cast<size_t>(column_count_)) / kSumLanes;
+  const size_t lines = sum_lines(static_cast<size_t>(column_count_));
   densities_.resize(points * lines);
   for (Eigen::Index column = 0; column < column_count_; ++column) {
     const DensityColumn from(column, data);
@@ -170,7 +170,7 @@ SumTables PanelSums::tables() const {
 }
 
 double PanelSums::charge(size_t panel, size_t column) const {
-  const size_t lines = rounded_up(static_cast<size_t>(column_count_)) / kSumLanes;
+  const size_t lines = sum_lines(static_cast<size_t>(column_count_));
   float sum = 0.0f;
   for (size_t k = 0; k < 3; ++k)
     sum += std::abs(densities_[(3 * panel + k) * lines + column / kSumLanes].lane[column % kSumLanes]);

@@ -24,6 +24,10 @@ inline constexpr size_t kSumLanes = 16;
 struct alignas(64) SumLine {
   std::array<float, kSumLanes> lane;
 };
+// That hold so many floats.
+constexpr size_t sum_lines(size_t floats) {
+  return (floats + kSumLanes - 1) / kSumLanes;
+}
 
 // A panel as points, about its centre.
 struct SumPoints {
@@ -98,4 +102,5 @@ void add_panel_sums(const SumTables& tables, std::span<const uint32_t> panels, b
 
 // The same of panels that are expanded; dipoles are in their columns' coefficients.
 void add_expansion(const SumExpansion& expansion, bool gradients, size_t columns, const SumBatch& batch);
+
 }  // namespace barycast

@@ -9,7 +9,7 @@
 #include <random>
 
 #include "bind/binding.h"
-#include "solve/boundary_elements.h"
+#include "support/boundary_parts.h"
 #include "support/panel_rows.h"
 #include "support/shapes.h"
 
@@ -18,6 +18,7 @@ namespace {
 
 using testing::same;
 using testing::Shape;
+using testing::solved;
 
 struct Case {
   const char* name;
@@ -39,18 +40,11 @@ Shape long_box() {
       [](const Eigen::VectorXd& x) { return Eigen::Vector3d(5.28 * x[0], 4.25 * x[1], 4.25 * x[2]); });
 }
 
-BoundaryParts solved(const Cage<3>& cage, uint32_t panels) {
-  auto solver = BoundarySolver::create(cage, {.panels = panels, .sides = BoundarySides::kInside});
-  EXPECT_TRUE(solver.ok());
-  while ((*solver)->done() < (*solver)->total()) (*solver)->advance();
-  return (*solver)->take_parts();
-}
-
 // Of coordinates inside a closed cage.
 class LocalExpansionsOf : public ::testing::TestWithParam<Case> {
  protected:
   const Cage<3> cage_ = *Cage<3>::create(GetParam().shape.input());
-  const BoundaryParts parts_ = solved(cage_, GetParam().panels);
+  const BoundaryParts parts_ = solved(cage_, BoundarySides::kInside, GetParam().panels);
   const Panels& panels_ = parts_.kernels.panels();
   const PanelSums sums_{panels_, parts_.data, parts_.densities.inside, &parts_.dipoles};
   const LocalExpansions expansions_{sums_, panels_};
@@ -214,7 +208,7 @@ TEST(LocalExpansions, HoldWhereFloatsDo) {
        {std::pair{flat_box(1.0), true}, std::pair{flat_box(0.02), false}, std::pair{flat_box(0.002), false},
         std::pair{flat_sphere(0.6), true}, std::pair{flat_sphere(0.01), false}}) {
     const Cage<3> cage = *Cage<3>::create(shape.input());
-    const BoundaryParts parts = solved(cage, 600);
+    const BoundaryParts parts = solved(cage, BoundarySides::kInside, 600);
     const Panels& panels = parts.kernels.panels();
     EXPECT_EQ(LocalExpansions::hold(PanelSums(panels, parts.data, parts.densities.inside, &parts.dipoles), panels),
               expected);

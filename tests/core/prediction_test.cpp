@@ -8,6 +8,7 @@
 #include "estimate/corrected_estimator.h"
 #include "estimate/missing_at_ends.h"
 #include "query/element_distance.h"
+#include "support/boundary_parts.h"
 #include "support/seeds.h"
 
 namespace barycast {
@@ -15,16 +16,10 @@ namespace {
 
 using testing::OverSeeds;
 using testing::Shape;
+using testing::solved;
 
 const CageStructures<3>& structures_of(const CageIndex& index) {
   return *std::get<std::unique_ptr<const CageStructures<3>>>(index.structures());
-}
-
-BoundaryParts solved(const CageStructures<3>& structures, BoundarySides side, uint32_t panels) {
-  auto solver = BoundarySolver::create(structures.cage, {.panels = panels, .sides = side});
-  EXPECT_TRUE(solver.ok());
-  while ((*solver)->done() < (*solver)->total()) (*solver)->advance();
-  return (*solver)->take_parts();
 }
 
 // An estimator with predictions of its own.
@@ -35,8 +30,8 @@ class Corrected {
   // Applies `change` to what is solved for.
   Corrected(const CageIndex& index, uint32_t panels, uint32_t walks, double thickness, Change change)
       : structures_(structures_of(index)), walks_(walks), thickness_(thickness) {
-    BoundaryParts inside = solved(structures_, BoundarySides::kInside, panels),
-                  elsewhere = solved(structures_, BoundarySides::kElsewhere, panels);
+    BoundaryParts inside = solved(structures_.cage, BoundarySides::kInside, panels),
+                  elsewhere = solved(structures_.cage, BoundarySides::kElsewhere, panels);
     for (BoundaryParts* parts : {&inside, &elsewhere}) {
       change(parts->densities.inside);
       change(parts->densities.indirect);
@@ -202,7 +197,7 @@ TEST(Prediction, InsideNothingJumpsBelowTwistedQuads) {
   const auto index = testing::make_index(testing::bent_prism());
   const CageStructures<3>& structures = structures_of(*index);
   const auto prediction =
-      HarmonicPrediction::of(structures.cage, *structures.walks, solved(structures, BoundarySides::kInside, 100));
+      HarmonicPrediction::of(structures.cage, *structures.walks, solved(structures.cage, BoundarySides::kInside, 100));
   const double step = 1e-4;
   size_t steps = 0;
   for (uint32_t e = 0; e < structures.cage.elements().size(); ++e)
