@@ -230,14 +230,16 @@ class Model {
     const size_t count = size_.control_vertices, columns = elsewhere ? 4 * count + 6 : count;
     const size_t task = predicted_rows_per_task(count);
     const double samples = options_.samples * (kWalking * sizeof(Sample<D>) + kWalk);
-    const double points = static_cast<double>(task) * (sizeof(CorrectedPoint) + correction()) + first_steps();
+    const double found = std::max(correction(), sizeof(float) * static_cast<double>(columns));
+    const double points = static_cast<double>(task) * (sizeof(CorrectedPoint) + correction()) + first_steps() +
+                          kWalking * (found + (elsewhere ? sizeof(double) * static_cast<double>(columns) : 0.0));
     const double rows =
         4.0 * sizeof(double) * static_cast<double>(columns) + 2.0 * grown(vertices()) * sizeof(RowEntry<D>);
     const size_t together = std::min(task, CorrectedEstimator::kElsewhereTogether);
     const auto sums = static_cast<double>(std::max(PanelSums::evaluation_bytes(task, count, count, true),
                                                    PanelSums::evaluation_bytes(together, columns, count, true)));
     return 32'000.0 + static_cast<double>(size_.threads) *
-                          (samples + points + rows + sums + rounds(kWalking) + tables(kWalking) + 12'000.0);
+                          (samples + points + rows + sums + rounds(kWalking, columns) + tables(kWalking) + 12'000.0);
   }
   // Of every thread: tables that a task's points miss, kept or not, while they are made, and the walks from their
   // balls.
@@ -251,10 +253,10 @@ class Model {
   }
   static constexpr double kUse = 32.0;  // a leaf and a point that it reaches
   // Of every thread: what the rounds of a task's points found, half of one again while it grows, and one in doubles.
-  double rounds(double points) const {
+  double rounds(double points, size_t columns) const {
     if (options_.target_error == 0.0) return 0.0;
-    const double found = static_cast<double>(CorrectedEstimator::kRoundsMost) * vertices();
-    return found * (sizeof(float) * (points + 0.5) + sizeof(double)) + points * (correction() + 200.0);
+    const auto found = static_cast<double>(Randomizations::kBatchesMost * columns);
+    return found * (sizeof(float) * (points + 0.5) + sizeof(double)) + points * 200.0;
   }
 
   double factorization() const {

@@ -11,7 +11,7 @@
 namespace barycast {
 
 // Bits of rows may change between versions; rows of different versions are never mixed.
-inline constexpr uint32_t kNumericsVersion = 14;
+inline constexpr uint32_t kNumericsVersion = 15;
 
 enum class CoordinateKind { kHarmonic, kMeanValue, kPositiveMeanValue };
 enum class Preset { kDefault, kPaper };

@@ -38,8 +38,8 @@ class Quantum {
  public:
   explicit Quantum(size_t first_guess) : size_(std::clamp<size_t>(first_guess, 1, 16)) {}
 
-  // How many points the next piece handles.
-  size_t size() const { return size_; }
+  // How many points the next piece handles: at least one for every thread.
+  size_t size() const { return std::max(size_, parallel_width()); }
 
   // Runs body(begin, end) over [0, count) in parallel, in tasks of at most `grain`; body says whether to go on. False
   // when it did not, or `cancel` was set.

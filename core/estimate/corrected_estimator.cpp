@@ -8,10 +8,6 @@
 namespace barycast {
 namespace {
 
-// Sums of what is missing may leave less mass than this part of the predicted one only where walks hardly hit: there
-// the prediction alone is better, as where they leave moments that do not span space.
-constexpr double kMassMin = 0.5;
-
 // How many times its noise must be in a correction's gradient, in squares, for any of it to count. With one, gradients
 // of 12 walks on FireHydrant would be worse than without in the median (.009 for .006 of their size).
 constexpr double kNoiseTimes = 2;
@@ -48,8 +44,17 @@ CorrectedEstimator::CorrectedEstimator(const Cage<3>& cage, const DistanceIndex<
 
 bool CorrectedEstimator::correct(std::span<const Vec<3>> points, const std::atomic<bool>& cancel, Workspace& workspace,
                                  std::span<CorrectedPoint> places, std::span<float> corrections) const {
-  if (!correct_once(points, settings_.seed, cancel, workspace, places, corrections)) return false;
-  for (size_t i = 0; i < points.size(); ++i) shrink(gradient(corrections, i), workspace.noise[i]);
+  if (!find(points, settings_.seed, cancel, workspace, places) || !predict_moments(places, cancel, workspace))
+    return false;
+  for (size_t i = 0; i < points.size(); ++i) {
+    const std::span<float> correction = row(corrections, i), found = this->found(workspace, i);
+    if (places[i].elsewhere) {
+      correct_moments(places[i], workspace.moments[i], found, correction);
+    } else {
+      std::copy_n(found.begin(), row_size(), correction.begin());
+      shrink(gradient(correction), workspace.noise[i]);
+    }
+  }
   return true;
 }
 
@@ -76,35 +81,48 @@ std::optional<double> CorrectedEstimator::correct_inside(const CorrectedPoint& p
   return slopes ? workspace.first_steps.finish(workspace.missing, correction.subspan(columns())) : 0.0;
 }
 
-bool CorrectedEstimator::correct_once(std::span<const Vec<3>> points, uint64_t seed, const std::atomic<bool>& cancel,
-                                      Workspace& workspace, std::span<CorrectedPoint> places,
-                                      std::span<float> corrections) const {
+bool CorrectedEstimator::find_moments(const SampleSet<3>& samples, size_t walks, const std::atomic<bool>& cancel,
+                                      Workspace& workspace, std::span<float> missing) const {
+  std::vector<double>& sums = workspace.missing;
+  sums.assign(static_cast<size_t>(elsewhere_->columns()), 0.0);
+  const auto add = [&](size_t, std::span<const double> found) {
+    for (size_t c = 0; c < found.size(); ++c) sums[c] += found[c];
+  };
+  if (!workspace.at_ends.visit(*elsewhere_, samples.samples, cancel, add)) return false;
+  for (size_t c = 0; c < sums.size(); ++c) missing[c] = static_cast<float>(sums[c] / static_cast<double>(walks));
+  return true;
+}
+
+bool CorrectedEstimator::find(std::span<const Vec<3>> points, uint64_t seed, const std::atomic<bool>& cancel,
+                              Workspace& workspace, std::span<CorrectedPoint> places) const {
   // Points that tables serve wholly need no more than that they do.
   workspace.clearances.clear();
   if (tables_ != nullptr)
     for (const Vec<3>& x : points) workspace.clearances.push_back(tables_->cover().clearance(x));
   locator_.locate(points, seed, workspace.queries, places,
                   {workspace.clearances, std::max(settings_.thickness, BallTables::kOwnWalksEnd)});
-  bool any_elsewhere = false;
   for (size_t i = 0; i < points.size(); ++i) {
     CorrectedPoint& place = places[i];
     place.origin = workspace.queries[i].origin;
     place.elsewhere = !settings_.closed || starts_outside(place, place.origin, locator_.winding());
-    any_elsewhere |= place.elsewhere;
   }
   if (!walk(places, cancel, workspace)) return false;
   workspace.noise.assign(points.size(), 0.0);
-  if (settings_.gradients) std::fill(corrections.begin(), corrections.end(), 0.0f);
+  workspace.found.assign(points.size() * found_size(), 0.0f);
   for (const size_t i : workspace.walkers) {
-    if (workspace.samples[i].samples.empty()) places[i].flags |= kRowNoSamples;
-    if (places[i].elsewhere) continue;
-    const std::optional<double> noise = correct_inside(places[i], workspace.queries[i], workspace.samples[i], cancel,
-                                                       workspace, corrections.subspan(i * row_size(), row_size()));
+    const SampleSet<3>& samples = workspace.samples[i];
+    if (samples.samples.empty()) places[i].flags |= kRowNoSamples;
+    const std::span<float> row = found(workspace, i);
+    if (places[i].elsewhere) {
+      if (!find_moments(samples, places[i].counts.started, cancel, workspace, row)) return false;
+      continue;
+    }
+    const std::optional<double> noise =
+        correct_inside(places[i], workspace.queries[i], samples, cancel, workspace, row.first(row_size()));
     if (!noise) return false;
     workspace.noise[i] = *noise;
   }
-  if (any_elsewhere && !correct_moments(places, cancel, workspace, corrections)) return false;
-  return tables_ == nullptr || blend_tables(places, cancel, workspace, corrections);
+  return tables_ == nullptr || blend_tables(places, cancel, workspace);
 }
 
 // Samples of the points that tables do not serve wholly, each at its point's place.
@@ -130,7 +148,7 @@ bool CorrectedEstimator::walk(std::span<CorrectedPoint> places, const std::atomi
 }
 
 bool CorrectedEstimator::blend_tables(std::span<const CorrectedPoint> places, const std::atomic<bool>& cancel,
-                                      Workspace& workspace, std::span<float> corrections) const {
+                                      Workspace& workspace) const {
   workspace.chosen.clear();
   workspace.points.clear();
   for (size_t i = 0; i < places.size(); ++i) {
@@ -145,7 +163,7 @@ bool CorrectedEstimator::blend_tables(std::span<const CorrectedPoint> places, co
     const size_t i = workspace.chosen[k];
     const auto part = static_cast<float>(tables_part(places[i], workspace.queries[i].radius));
     const float* const from_tables = &workspace.from_tables[k * row_size()];
-    const std::span<float> row = corrections.subspan(i * row_size(), row_size());
+    const std::span<float> row = found(workspace, i);
     for (size_t v = 0; v < columns(); ++v)
       row[v] = part < 1 ? row[v] + part * (from_tables[v] - row[v]) : from_tables[v];
     // Those of walks so close to the cage are mostly noise.
@@ -158,47 +176,67 @@ bool CorrectedEstimator::blend_tables(std::span<const CorrectedPoint> places, co
 bool CorrectedEstimator::correct_to(double target, std::span<const Vec<3>> points, const std::atomic<bool>& cancel,
                                     Workspace& workspace, std::span<CorrectedPoint> places,
                                     std::span<float> corrections, std::span<Randomizations::Error> errors) const {
-  const size_t n = columns();
   std::vector<size_t>& open = workspace.open;
   open.resize(points.size());
   std::iota(open.begin(), open.end(), size_t{0});
   if (workspace.randomizations.size() < points.size()) workspace.randomizations.resize(points.size());
-  for (size_t i = 0; i < points.size(); ++i) workspace.randomizations[i].clear(n);
-  if (settings_.gradients) std::fill(corrections.begin(), corrections.end(), 0.0f);
+  std::fill(corrections.begin(), corrections.end(), 0.0f);
   workspace.summed_noise.assign(points.size(), 0.0);
   size_t look = kRoundsLeast;
   for (size_t round = 0; !open.empty(); ++round) {
     workspace.open_points.clear();
     for (const size_t i : open) workspace.open_points.push_back(points[i]);
     workspace.open_places.resize(open.size());
-    workspace.round.resize(open.size() * row_size());
-    if (!correct_once(workspace.open_points, randomized(settings_.seed, round), cancel, workspace,
-                      workspace.open_places, workspace.round))
+    if (!find(workspace.open_points, randomized(settings_.seed, round), cancel, workspace, workspace.open_places))
       return false;
     for (size_t k = 0; k < open.size(); ++k) {
-      std::copy_n(&workspace.round[k * row_size()], n, workspace.randomizations[open[k]].append().begin());
-      const std::span<float> sum = gradient(corrections, open[k]), found = gradient(workspace.round, k);
-      for (size_t v = 0; v < sum.size(); ++v) sum[v] += found[v];
-      workspace.summed_noise[open[k]] += workspace.noise[k];
-      const SampleCounts before = round == 0 ? SampleCounts{} : places[open[k]].counts;
-      places[open[k]] = workspace.open_places[k];
-      places[open[k]].counts += before;
+      const size_t i = open[k];
+      const SampleCounts before = round == 0 ? SampleCounts{} : places[i].counts;
+      places[i] = workspace.open_places[k];
+      places[i].counts += before;
+      const size_t size = places[i].elsewhere ? static_cast<size_t>(elsewhere_->columns()) : columns();
+      if (round == 0) workspace.randomizations[i].clear(size);
+      const std::span<float> found = this->found(workspace, k);
+      workspace.randomizations[i].add(found.first(size));
+      if (places[i].elsewhere) continue;
+      const std::span<float> sum = gradient(row(corrections, i)), slopes = gradient(found);
+      for (size_t v = 0; v < sum.size(); ++v) sum[v] += slopes[v];
+      workspace.summed_noise[i] += workspace.noise[k];
     }
+    if (round == 0 && !predict_moments(places, cancel, workspace)) return false;
     if (round + 1 < look) continue;
     std::erase_if(open, [&](size_t i) {
-      // On the cage values are the basis' own, without noise.
-      errors[i] = places[i].on_cage ? Randomizations::Error{} : workspace.randomizations[i].error();
+      errors[i] = error(places[i], workspace.moments[i], workspace.randomizations[i]);
       if (errors[i].standard > target && look < kRoundsMost) return false;
-      workspace.randomizations[i].mean(corrections.subspan(i * row_size(), n));
-      const auto rounds = static_cast<double>(round + 1);
-      const std::span<float> sum = gradient(corrections, i);
-      for (float& value : sum) value = static_cast<float>(double{value} / rounds);
-      shrink(sum, workspace.summed_noise[i] / (rounds * rounds));
+      take_mean(workspace.randomizations[i], workspace.moments[i], workspace.summed_noise[i], places[i],
+                row(corrections, i));
       return true;
     });
     look *= 2;
   }
   return true;
+}
+
+Randomizations::Error CorrectedEstimator::error(const CorrectedPoint& place, const BoundaryData::Row& moments,
+                                                const Randomizations& found) const {
+  // On the cage values are the basis' own, without noise.
+  if (place.on_cage) return {};
+  return place.elsewhere ? moment_correction(place, moments).error(found) : found.error();
+}
+
+void CorrectedEstimator::take_mean(const Randomizations& found, const BoundaryData::Row& moments, double summed_noise,
+                                   CorrectedPoint& place, std::span<float> correction) const {
+  if (place.elsewhere) {
+    std::vector<float> missing(static_cast<size_t>(moments.size()));
+    found.mean(missing);
+    correct_moments(place, moments, missing, correction);
+    return;
+  }
+  found.mean(correction.first(columns()));
+  const auto rounds = static_cast<double>(found.count());
+  const std::span<float> sum = gradient(correction);
+  for (float& value : sum) value = static_cast<float>(double{value} / rounds);
+  shrink(sum, summed_noise / (rounds * rounds));
 }
 
 bool CorrectedEstimator::predict(std::span<const CorrectedPoint> places, bool elsewhere, bool gradients,
@@ -209,41 +247,25 @@ bool CorrectedEstimator::predict(std::span<const CorrectedPoint> places, bool el
          prediction(elsewhere).evaluate(workspace.points, gradients, cancel, workspace.rows);
 }
 
-bool CorrectedEstimator::correct_moments(std::span<CorrectedPoint> points, const std::atomic<bool>& cancel,
-                                         Workspace& workspace, std::span<float> corrections) const {
+bool CorrectedEstimator::predict_moments(std::span<const CorrectedPoint> places, const std::atomic<bool>& cancel,
+                                         Workspace& workspace) const {
   workspace.chosen.clear();
-  for (size_t i = 0; i < points.size(); ++i)
-    if (points[i].elsewhere) workspace.chosen.push_back(i);
-  if (!predict(points, true, false, cancel, workspace)) return false;
-  const auto n = static_cast<Eigen::Index>(columns());
-  BoundaryData::Row predicted(n), corrected(n);
-  std::array<BoundaryData::Row, 3> no_gradients;
-  for (size_t k = 0; k < workspace.chosen.size(); ++k) {
-    const size_t i = workspace.chosen[k];
-    std::vector<double>& missing = workspace.missing;
-    missing.assign(static_cast<size_t>(elsewhere_->columns()), 0.0);
-    const auto add = [&](size_t, std::span<const double> found) {
-      for (size_t c = 0; c < found.size(); ++c) missing[c] += found[c];
-    };
-    if (!workspace.at_ends.visit(*elsewhere_, workspace.samples[i].samples, cancel, add)) return false;
-    BoundaryData::Row moments = row_of(workspace.rows.values, static_cast<Eigen::Index>(k));
-    const bool spans = project_moments(points[i].origin, moments, {}, n, predicted, no_gradients);
-    const double mass = moments.head(n).sum();
-    moments += Eigen::Map<const BoundaryData::Row>(missing.data(), elsewhere_->columns()) /
-               static_cast<double>(points[i].counts.started);
-    const std::span<float> row = corrections.subspan(i * row_size(), columns());
-    if (moments.head(n).sum() < kMassMin * mass ||
-        !project_moments(points[i].origin, moments, {}, n, corrected, no_gradients)) {
-      std::fill(row.begin(), row.end(), 0.0f);
-      if (!spans) points[i].flags |= kRowRankDeficient;
-      continue;
-    }
-    for (size_t v = 0; v < columns(); ++v) {
-      const auto c = static_cast<Eigen::Index>(v);
-      row[v] = static_cast<float>(corrected[c] - predicted[c]);
-    }
-  }
+  for (size_t i = 0; i < places.size(); ++i)
+    if (places[i].elsewhere) workspace.chosen.push_back(i);
+  workspace.moments.resize(places.size());
+  if (!predict(places, true, false, cancel, workspace)) return false;
+  for (size_t k = 0; k < workspace.chosen.size(); ++k)
+    workspace.moments[workspace.chosen[k]] = row_of(workspace.rows.values, static_cast<Eigen::Index>(k));
   return true;
+}
+
+void CorrectedEstimator::correct_moments(CorrectedPoint& place, const BoundaryData::Row& moments,
+                                         std::span<const float> missing, std::span<float> correction) const {
+  const MomentCorrection of_moments = moment_correction(place, moments);
+  const bool corrected = of_moments.correct(missing, correction.first(columns()));
+  if (!corrected && !of_moments.predicted_spans()) place.flags |= kRowRankDeficient;
+  const std::span<float> slopes = gradient(correction);
+  std::fill(slopes.begin(), slopes.end(), 0.0f);
 }
 
 // From moments and their gradients to coordinates and theirs.

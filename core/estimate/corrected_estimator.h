@@ -6,7 +6,7 @@
 // coordinates.
 //
 // Inside a closed cage h are the coordinates. Elsewhere moments are predicted and corrected, and both are projected
-// [SBC Eq. 7 to 10]: the correction is what that changes.
+// (estimate/moment_correction.h): the correction is what that changes.
 //
 // Gradients are the prediction's. Inside a closed cage that of the correction (estimate/first_steps.h) is added, as far
 // as it stands out from its noise: few walks leave it away nearly everywhere, many find it. Tables have it where they
@@ -15,6 +15,7 @@
 // With tables (estimate/ball_tables.h) corrections inside a closed cage come from those, but close to the cage, where
 // points walk themselves; in between, from both, by a share that is smooth in the distance.
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <functional>
@@ -27,6 +28,7 @@
 #include "estimate/first_steps.h"
 #include "estimate/locator.h"
 #include "estimate/missing_at_ends.h"
+#include "estimate/moment_correction.h"
 #include "sample/walks.h"
 #include "solve/prediction.h"
 
@@ -77,12 +79,13 @@ class CorrectedEstimator {
     FirstSteps first_steps;
     std::vector<double> noise;  // of the corrections' gradients, by point: their squared length's mean
     HarmonicPrediction::Rows rows;
-    // Points that are still off, their places in what was asked for, and what the round under way found.
+    std::vector<float> found;                // by walks and tables, a row of found_size() each
+    std::vector<BoundaryData::Row> moments;  // predicted: of points elsewhere
+    // Points that are still off, and their places in what was asked for.
     std::vector<Vec<3>> open_points;
     std::vector<size_t> open;
     std::vector<CorrectedPoint> open_places;
-    std::vector<float> round;
-    std::vector<Randomizations> randomizations;  // of all points
+    std::vector<Randomizations> randomizations;  // of all points: of values, elsewhere of missing moments
     std::vector<double> summed_noise;            // the same
   };
 
@@ -93,8 +96,8 @@ class CorrectedEstimator {
                std::span<CorrectedPoint> places, std::span<float> corrections) const;
 
   // The same from as many independent randomizations as bring the standard error of a point down to `target`, looked at
-  // after kRoundsLeast of them and every time that they have doubled, to kRoundsMost: corrections are their means, and
-  // `errors` says how far those are from what infinitely many walks would give.
+  // after kRoundsLeast of them and every time that they have doubled, to kRoundsMost: corrections are those of all
+  // their walks together, and `errors` says how far those are from what infinitely many would give.
   static constexpr size_t kRoundsLeast = 8, kRoundsMost = 512;
   bool correct_to(double target, std::span<const Vec<3>> points, const std::atomic<bool>& cancel, Workspace& workspace,
                   std::span<CorrectedPoint> places, std::span<float> corrections,
@@ -115,31 +118,52 @@ class CorrectedEstimator {
                 const std::function<void(size_t, const Rows&)>& row) const;
 
  private:
-  // Gradients as they come, with their noise.
-  bool correct_once(std::span<const Vec<3>> points, uint64_t seed, const std::atomic<bool>& cancel,
-                    Workspace& workspace, std::span<CorrectedPoint> places, std::span<float> corrections) const;
+  // What one randomization finds: inside a correction, gradients as they come, with their noise; elsewhere what is
+  // missing in the moments.
+  bool find(std::span<const Vec<3>> points, uint64_t seed, const std::atomic<bool>& cancel, Workspace& workspace,
+            std::span<CorrectedPoint> places) const;
+  size_t found_size() const {
+    return elsewhere_ == nullptr ? row_size() : std::max(row_size(), static_cast<size_t>(elsewhere_->columns()));
+  }
+  std::span<float> found(Workspace& workspace, size_t i) const {
+    return std::span(workspace.found).subspan(i * found_size(), found_size());
+  }
+  bool find_moments(const SampleSet<3>& samples, size_t walks, const std::atomic<bool>& cancel, Workspace& workspace,
+                    std::span<float> missing) const;
   // What walks from a point inside found. Returns the noise of its gradient; nothing: `cancel` was seen set.
   std::optional<double> correct_inside(const CorrectedPoint& place, const SampleQuery<3>& query,
                                        const SampleSet<3>& samples, const std::atomic<bool>& cancel,
                                        Workspace& workspace, std::span<float> correction) const;
-  // Of row i, its partial derivatives, or nothing.
-  std::span<float> gradient(std::span<float> corrections, size_t i) const {
-    return corrections.subspan(i * row_size() + columns(), row_size() - columns());
+  // Of row i of corrections; and its partial derivatives, or nothing.
+  std::span<float> row(std::span<float> corrections, size_t i) const {
+    return corrections.subspan(i * row_size(), row_size());
   }
+  std::span<float> gradient(std::span<float> row) const { return row.subspan(columns(), row_size() - columns()); }
   const HarmonicPrediction& prediction(bool elsewhere) const { return elsewhere ? *elsewhere_ : *inside_; }
   double tables_part(const CorrectedPoint& place, double distance) const {
     return tables_ == nullptr || place.elsewhere ? 0.0 : BallTables::part(distance);
   }
   bool walk(std::span<CorrectedPoint> places, const std::atomic<bool>& cancel, Workspace& workspace) const;
-  bool blend_tables(std::span<const CorrectedPoint> places, const std::atomic<bool>& cancel, Workspace& workspace,
-                    std::span<float> corrections) const;
+  bool blend_tables(std::span<const CorrectedPoint> places, const std::atomic<bool>& cancel,
+                    Workspace& workspace) const;
   // Evaluates a prediction at the origins of the chosen places, all on one side.
   bool predict(std::span<const CorrectedPoint> places, bool elsewhere, bool gradients, const std::atomic<bool>& cancel,
                Workspace& workspace) const;
+  // The moments of those that are elsewhere.
+  bool predict_moments(std::span<const CorrectedPoint> places, const std::atomic<bool>& cancel,
+                       Workspace& workspace) const;
+  MomentCorrection moment_correction(const CorrectedPoint& place, const BoundaryData::Row& moments) const {
+    return {place.origin, moments, static_cast<Eigen::Index>(columns())};
+  }
+  Randomizations::Error error(const CorrectedPoint& place, const BoundaryData::Row& moments,
+                              const Randomizations& found) const;
+  // From all that was found for a point, with its gradients' sums in `correction`, to its correction.
+  void take_mean(const Randomizations& found, const BoundaryData::Row& moments, double summed_noise,
+                 CorrectedPoint& place, std::span<float> correction) const;
+  void correct_moments(CorrectedPoint& place, const BoundaryData::Row& moments, std::span<const float> missing,
+                       std::span<float> correction) const;
   void project(const Vec<3>& origin, Rows& rows) const;
   void finish(const Vec<3>& x, const CorrectedPoint& place, std::span<const float> correction, Rows& rows) const;
-  bool correct_moments(std::span<CorrectedPoint> points, const std::atomic<bool>& cancel, Workspace& workspace,
-                       std::span<float> corrections) const;
 
   const Cage<3>& cage_;
   Locator<3> locator_;

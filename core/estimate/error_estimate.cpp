@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/check.h"
+
 namespace barycast {
 namespace {
 
@@ -27,23 +29,44 @@ double dot(std::span<const double> a, std::span<const double> b) {
 
 }  // namespace
 
-std::span<float> Randomizations::append() {
-  rows_.resize(rows_.size() + size_);
-  return std::span(rows_).last(size_);
+void Randomizations::clear(size_t size) {
+  size_ = size;
+  count_ = 0;
+  batch_ = 1;
+  sums_.clear();
+}
+
+void Randomizations::add(std::span<const float> estimate) {
+  if (count_ == kBatchesMost * batch_) {
+    for (size_t i = 0; i < kBatchesMost / 2; ++i)
+      for (size_t k = 0; k < size_; ++k) sum(i)[k] = sum(2 * i)[k] + sum(2 * i + 1)[k];
+    sums_.resize(kBatchesMost / 2 * size_);
+    batch_ *= 2;
+  }
+  if (count_ % batch_ == 0) sums_.resize(sums_.size() + size_, 0.0f);
+  const std::span<float> last = sum(count_ / batch_);
+  for (size_t k = 0; k < size_; ++k) last[k] += estimate[k];
+  ++count_;
 }
 
 void Randomizations::mean(std::span<float> out) const {
   for (size_t k = 0; k < size_; ++k) {
-    double sum = 0.0;
-    for (size_t i = 0; i < count(); ++i) sum += double{row(i)[k]};
-    out[k] = static_cast<float>(sum / static_cast<double>(count()));
+    double total = 0.0;
+    for (size_t i = 0; i * size_ < sums_.size(); ++i) total += double{sum(i)[k]};
+    out[k] = static_cast<float>(total / static_cast<double>(count_));
   }
 }
 
+void Randomizations::batch_mean(size_t i, std::span<float> out) const {
+  for (size_t k = 0; k < size_; ++k) out[k] = sum(i)[k] / static_cast<float>(batch_);
+}
+
 Randomizations::Error Randomizations::error() const {
-  const size_t n = count();
+  BARYCAST_CHECK_OP(count_ % batch_, ==, size_t{0});
+  const size_t n = batch_count();
   const auto degrees = static_cast<double>(n - 1);
-  std::vector<double> deviation(rows_.begin(), rows_.end());
+  std::vector<double> deviation(sums_.begin(), sums_.end());
+  for (double& value : deviation) value /= static_cast<double>(batch_);
   for (size_t k = 0; k < size_; ++k) {
     double mean = 0.0;
     for (size_t i = 0; i < n; ++i) mean += deviation[i * size_ + k] / static_cast<double>(n);
@@ -61,12 +84,13 @@ Randomizations::Error Randomizations::error() const {
   if (!(trace > 0.0)) return {0.0, 0.0};
   double nu = 1.0;  // of two there is nothing to tell by
   if (n > 2) {
-    // tr S^2 is overestimated by itself; without bias it varies, and its reciprocal is too large in the mean. The
-    // geometric mean of what both say is nearer than either.
+    // Without bias tr S^2 varies, and nu the more: taken too large, it costs more vectors than too small. With this
+    // margin 94 to 97 in 100 are within, from eight on, however the variance is spread over the vector.
+    const double squares_unbiased =
+        degrees * degrees / ((degrees + 2) * (degrees - 1)) * (squares - trace * trace / degrees);
+    const double margin = 1 + 2.5 / degrees;
     const auto most = static_cast<double>(size_);
-    const double unbiased = degrees * degrees / ((degrees + 2) * (degrees - 1)) * (squares - trace * trace / degrees);
-    const double high = unbiased > 0.0 ? std::clamp(trace * trace / unbiased, 1.0, most) : most;
-    nu = std::sqrt(high * std::clamp(trace * trace / squares, 1.0, most));
+    nu = squares_unbiased > 0.0 ? std::clamp(trace * trace / (margin * squares_unbiased), 1.0, most) : most;
   }
   const double variance = trace / static_cast<double>(n);
   return {std::sqrt(variance), std::sqrt(variance * f_quantile_95(nu, nu * degrees))};

@@ -26,46 +26,61 @@ struct Spread {
 
 }  // namespace
 
-bool project_moments(const Vec<3>& x, const BoundaryData::Row& moments, const std::array<BoundaryData::Row, 3>& slopes,
-                     Eigen::Index control_vertices, Eigen::Ref<BoundaryData::Row> values,
-                     std::array<BoundaryData::Row, 3>& gradients) {
-  const Eigen::Index n = control_vertices;
-  BARYCAST_CHECK_OP(moments.size(), ==, 4 * n + 6);
-  const Spread spread(moments, n);
-  const Vec<3> mean = spread.first / spread.mass;
-  const Mat<3> covariance = spread.second / spread.mass - mean * mean.transpose();
+MomentProjection::MomentProjection(const Vec<3>& x, const BoundaryData::Row& moments, Eigen::Index control_vertices)
+    : moments_(moments), n_(control_vertices) {
+  BARYCAST_CHECK_OP(moments.size(), ==, 4 * n_ + 6);
+  const Spread spread(moments, n_);
+  mass_ = spread.mass;
+  mean_ = spread.first / spread.mass;
+  second_ = spread.second;
+  const Mat<3> covariance = spread.second / spread.mass - mean_ * mean_.transpose();
   const Eigen::SelfAdjointEigenSolver<Mat<3>> solver(covariance);
   Vec<3> inverse_eigenvalues = Vec<3>::Zero();
   for (Eigen::Index i = 0; i < 3; ++i)
     if (solver.eigenvalues()[i] > kSpreadMin * solver.eigenvalues()[2])
       inverse_eigenvalues[i] = 1 / solver.eigenvalues()[i];
-  const Mat<3> inverse = solver.eigenvectors() * inverse_eigenvalues.asDiagonal() * solver.eigenvectors().transpose();
+  spans_ = inverse_eigenvalues.minCoeff() > 0.0;
+  inverse_ = solver.eigenvectors() * inverse_eigenvalues.asDiagonal() * solver.eigenvectors().transpose();
+  q_ = inverse_ * (x - mean_);
+}
 
-  // alpha_v = (m_v + q . (p_v - mean m_v)) / mass with q = C^-1 (x - mean): the linear fit of phi_v, at x.
-  const Vec<3> q = inverse * (x - mean);
-  for (Eigen::Index v = 0; v < n; ++v) {
-    const Vec<3> p = moments.segment<3>(n + 3 * v).transpose();
-    values[v] = (moments[v] + q.dot(p - mean * moments[v])) / spread.mass;
+// alpha_v = (m_v + q . (p_v - mean m_v)) / mass with q = C^-1 (x - mean): the linear fit of phi_v, at x.
+void MomentProjection::values(Eigen::Ref<BoundaryData::Row> out) const {
+  for (Eigen::Index v = 0; v < n_; ++v) {
+    const Vec<3> p = moments_.segment<3>(n_ + 3 * v).transpose();
+    out[v] = (moments_[v] + q_.dot(p - mean_ * moments_[v])) / mass_;
   }
+}
+
+void MomentProjection::change(const Vec<3>& point, const BoundaryData::Row& moments,
+                              Eigen::Ref<BoundaryData::Row> out) const {
+  const Spread change(moments, n_);
+  const double mass_rate = change.mass / mass_;
+  const Vec<3> mean_change = change.first / mass_ - mean_ * mass_rate;
+  const Mat<3> covariance_change = change.second / mass_ - second_ * (mass_rate / mass_) -
+                                   mean_change * mean_.transpose() - mean_ * mean_change.transpose();
+  const Vec<3> q_change = inverse_ * (point - mean_change - covariance_change * q_);
+  for (Eigen::Index v = 0; v < n_; ++v) {
+    const Vec<3> p = moments_.segment<3>(n_ + 3 * v).transpose(), p_change = moments.segment<3>(n_ + 3 * v).transpose();
+    const Vec<3> off = p - mean_ * moments_[v];
+    const double value = (moments_[v] + q_.dot(off)) / mass_;
+    out[v] =
+        (moments[v] + q_change.dot(off) + q_.dot(p_change - mean_change * moments_[v] - mean_ * moments[v])) / mass_ -
+        value * mass_rate;
+  }
+}
+
+bool project_moments(const Vec<3>& x, const BoundaryData::Row& moments, const std::array<BoundaryData::Row, 3>& slopes,
+                     Eigen::Index control_vertices, Eigen::Ref<BoundaryData::Row> values,
+                     std::array<BoundaryData::Row, 3>& gradients) {
+  const MomentProjection projection(x, moments, control_vertices);
+  projection.values(values);
   for (Eigen::Index k = 0; k < 3 && slopes[0].size() > 0; ++k) {
-    const BoundaryData::Row& slope = slopes[static_cast<size_t>(k)];
-    const Spread change(slope, n);
-    const double mass_rate = change.mass / spread.mass;
-    const Vec<3> mean_change = change.first / spread.mass - mean * mass_rate;
-    const Mat<3> covariance_change = change.second / spread.mass - spread.second * (mass_rate / spread.mass) -
-                                     mean_change * mean.transpose() - mean * mean_change.transpose();
-    const Vec<3> q_change = inverse * (Vec<3>::Unit(k) - mean_change - covariance_change * q);
     BoundaryData::Row& gradient = gradients[static_cast<size_t>(k)];
-    gradient.resize(n);
-    for (Eigen::Index v = 0; v < n; ++v) {
-      const Vec<3> p = moments.segment<3>(n + 3 * v).transpose(), p_change = slope.segment<3>(n + 3 * v).transpose();
-      gradient[v] = (slope[v] + q_change.dot(p - mean * moments[v]) +
-                     q.dot(p_change - mean_change * moments[v] - mean * slope[v])) /
-                        spread.mass -
-                    values[v] * mass_rate;
-    }
+    gradient.resize(control_vertices);
+    projection.change(Vec<3>::Unit(k), slopes[static_cast<size_t>(k)], gradient);
   }
-  return inverse_eigenvalues.minCoeff() > 0.0;
+  return projection.spans();
 }
 
 }  // namespace barycast

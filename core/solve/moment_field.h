@@ -7,9 +7,31 @@
 
 namespace barycast {
 
-// `moments`: columns of BoundaryData at x, `slopes` their gradients (each row empty where not asked for). Writes
-// control_vertices values, and gradients likewise. False: the moments do not span space, and what is missing was
-// left out.
+class MomentProjection {
+ public:
+  // `moments`: columns of BoundaryData at x. They must outlive the projection.
+  MomentProjection(const Vec<3>& x, const BoundaryData::Row& moments, Eigen::Index control_vertices);
+
+  // False: the moments do not span space, and what is missing was left out.
+  bool spans() const { return spans_; }
+  // Of the measure.
+  double mass() const { return mass_; }
+  void values(Eigen::Ref<BoundaryData::Row> out) const;
+  // What the values change by, to first order, where the point and the moments change by so much.
+  void change(const Vec<3>& point, const BoundaryData::Row& moments, Eigen::Ref<BoundaryData::Row> out) const;
+
+ private:
+  const BoundaryData::Row& moments_;
+  Eigen::Index n_;
+  double mass_;
+  Vec<3> mean_;
+  Mat<3> second_, inverse_;  // int y y^T; of the covariance
+  Vec<3> q_;                 // inverse_ (x - mean_)
+  bool spans_;
+};
+
+// `slopes`: gradients of the moments (each row empty where not asked for). Writes control_vertices values, and
+// gradients likewise. False: as spans().
 bool project_moments(const Vec<3>& x, const BoundaryData::Row& moments, const std::array<BoundaryData::Row, 3>& slopes,
                      Eigen::Index control_vertices, Eigen::Ref<BoundaryData::Row> values,
                      std::array<BoundaryData::Row, 3>& gradients);

@@ -1,0 +1,63 @@
+#include "estimate/moment_correction.h"
+
+#include <algorithm>
+#include <vector>
+
+namespace barycast {
+namespace {
+
+// What is missing may leave less mass than this part of the predicted one only where walks hardly hit: there the
+// prediction alone is better, as where they leave moments that do not span space.
+constexpr double kMassMin = 0.5;
+
+}  // namespace
+
+MomentCorrection::MomentCorrection(const Vec<3>& x, const BoundaryData::Row& predicted, Eigen::Index control_vertices)
+    : x_(x), predicted_(predicted), n_(control_vertices), predicted_values_(control_vertices) {
+  const MomentProjection projection(x, predicted, n_);
+  predicted_mass_ = projection.mass();
+  predicted_spans_ = projection.spans();
+  projection.values(predicted_values_);
+}
+
+BoundaryData::Row MomentCorrection::corrected(std::span<const float> missing) const {
+  return predicted_ + Eigen::Map<const Eigen::RowVectorXf>(missing.data(), predicted_.size()).cast<double>();
+}
+
+bool MomentCorrection::holds(const MomentProjection& corrected) const {
+  return corrected.mass() >= kMassMin * predicted_mass_ && corrected.spans();
+}
+
+bool MomentCorrection::correct(std::span<const float> missing, std::span<float> correction) const {
+  const BoundaryData::Row moments = corrected(missing);
+  const MomentProjection projection(x_, moments, n_);
+  if (!holds(projection)) {
+    std::fill(correction.begin(), correction.end(), 0.0f);
+    return false;
+  }
+  BoundaryData::Row values(n_);
+  projection.values(values);
+  Eigen::Map<Eigen::RowVectorXf>(correction.data(), n_) = (values - predicted_values_).cast<float>();
+  return true;
+}
+
+Randomizations::Error MomentCorrection::error(const Randomizations& missing) const {
+  const auto columns = static_cast<size_t>(predicted_.size());
+  std::vector<float> mean(columns), batch(columns), change(static_cast<size_t>(n_));
+  missing.mean(mean);
+  const BoundaryData::Row moments = corrected(mean);
+  const MomentProjection corrected(x_, moments, n_), predicted(x_, predicted_, n_);
+  const MomentProjection& about = holds(corrected) ? corrected : predicted;
+  BoundaryData::Row off(predicted_.size()), changed(n_);
+  Randomizations changes(change.size());
+  for (size_t i = 0; i < missing.batch_count(); ++i) {
+    missing.batch_mean(i, batch);
+    for (size_t k = 0; k < columns; ++k) off[static_cast<Eigen::Index>(k)] = double{batch[k]} - double{mean[k]};
+    about.change(Vec<3>::Zero(), off, changed);
+    for (size_t v = 0; v < change.size(); ++v) change[v] = static_cast<float>(changed[static_cast<Eigen::Index>(v)]);
+    changes.add(change);
+  }
+  return changes.error();
+}
+
+}  // namespace barycast

@@ -1,0 +1,39 @@
+#pragma once
+
+// The correction of a point where moments are predicted, outside and for open cages: walks find what is missing in the
+// moments, and coordinates are corrected by what that changes in their projection [SBC Eq. 7 to 10]. That is not linear
+// in the moments: of several randomizations the moments are averaged, not the corrections.
+
+#include <span>
+
+#include "estimate/error_estimate.h"
+#include "solve/moment_field.h"
+
+namespace barycast {
+
+class MomentCorrection {
+ public:
+  // `predicted`: columns of BoundaryData at x. It must outlive the correction.
+  MomentCorrection(const Vec<3>& x, const BoundaryData::Row& predicted, Eigen::Index control_vertices);
+
+  // Whether the predicted moments span space.
+  bool predicted_spans() const { return predicted_spans_; }
+  // Writes what the missing moments change the coordinates by. False, and zeros: they leave moments that the prediction
+  // alone is better than.
+  bool correct(std::span<const float> missing, std::span<float> correction) const;
+  // How far the correction by the mean of what is missing is off, to first order in the moments.
+  Randomizations::Error error(const Randomizations& missing) const;
+
+ private:
+  BoundaryData::Row corrected(std::span<const float> missing) const;
+  bool holds(const MomentProjection& corrected) const;
+
+  Vec<3> x_;
+  const BoundaryData::Row& predicted_;
+  Eigen::Index n_;
+  double predicted_mass_;
+  bool predicted_spans_;
+  BoundaryData::Row predicted_values_;
+};
+
+}  // namespace barycast
