@@ -271,9 +271,8 @@ void CorrectedEstimator::correct_moments(CorrectedPoint& place, const BoundaryDa
 // From moments and their gradients to coordinates and theirs.
 void CorrectedEstimator::project(const Vec<3>& origin, Rows& rows) const {
   const Rows moments = rows;
-  const auto n = static_cast<Eigen::Index>(columns());
-  rows.values.resize(n);
-  project_moments(origin, moments.values, moments.gradients, n, rows.values, rows.gradients);
+  rows.values.resize(static_cast<Eigen::Index>(columns()));
+  project_moments(elsewhere_->data(), origin, moments.values, moments.gradients, rows.values, rows.gradients);
 }
 
 // To the row of x from what is predicted where its samples start.

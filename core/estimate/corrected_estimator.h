@@ -153,7 +153,7 @@ class CorrectedEstimator {
   bool predict_moments(std::span<const CorrectedPoint> places, const std::atomic<bool>& cancel,
                        Workspace& workspace) const;
   MomentCorrection moment_correction(const CorrectedPoint& place, const BoundaryData::Row& moments) const {
-    return {place.origin, moments, static_cast<Eigen::Index>(columns())};
+    return {elsewhere_->data(), place.origin, moments};
   }
   Randomizations::Error error(const CorrectedPoint& place, const BoundaryData::Row& moments,
                               const Randomizations& found) const;

@@ -12,9 +12,9 @@ constexpr double kMassMin = 0.5;
 
 }  // namespace
 
-MomentCorrection::MomentCorrection(const Vec<3>& x, const BoundaryData::Row& predicted, Eigen::Index control_vertices)
-    : x_(x), predicted_(predicted), n_(control_vertices), predicted_values_(control_vertices) {
-  const MomentProjection projection(x, predicted, n_);
+MomentCorrection::MomentCorrection(const BoundaryData& data, const Vec<3>& x, const BoundaryData::Row& predicted)
+    : data_(data), x_(x), predicted_(predicted), predicted_values_(data.basis_count()) {
+  const MomentProjection projection(data, x, predicted);
   predicted_mass_ = projection.mass();
   predicted_spans_ = projection.spans();
   projection.values(predicted_values_);
@@ -30,25 +30,25 @@ bool MomentCorrection::holds(const MomentProjection& corrected) const {
 
 bool MomentCorrection::correct(std::span<const float> missing, std::span<float> correction) const {
   const BoundaryData::Row moments = corrected(missing);
-  const MomentProjection projection(x_, moments, n_);
+  const MomentProjection projection(data_, x_, moments);
   if (!holds(projection)) {
     std::fill(correction.begin(), correction.end(), 0.0f);
     return false;
   }
-  BoundaryData::Row values(n_);
+  BoundaryData::Row values(data_.basis_count());
   projection.values(values);
-  Eigen::Map<Eigen::RowVectorXf>(correction.data(), n_) = (values - predicted_values_).cast<float>();
+  Eigen::Map<Eigen::RowVectorXf>(correction.data(), values.size()) = (values - predicted_values_).cast<float>();
   return true;
 }
 
 Randomizations::Error MomentCorrection::error(const Randomizations& missing) const {
   const auto columns = static_cast<size_t>(predicted_.size());
-  std::vector<float> mean(columns), batch(columns), change(static_cast<size_t>(n_));
+  std::vector<float> mean(columns), batch(columns), change(static_cast<size_t>(data_.basis_count()));
   missing.mean(mean);
   const BoundaryData::Row moments = corrected(mean);
-  const MomentProjection corrected(x_, moments, n_), predicted(x_, predicted_, n_);
+  const MomentProjection corrected(data_, x_, moments), predicted(data_, x_, predicted_);
   const MomentProjection& about = holds(corrected) ? corrected : predicted;
-  BoundaryData::Row off(predicted_.size()), changed(n_);
+  BoundaryData::Row off(predicted_.size()), changed(data_.basis_count());
   Randomizations changes(change.size());
   for (size_t i = 0; i < missing.batch_count(); ++i) {
     missing.batch_mean(i, batch);

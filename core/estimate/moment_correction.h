@@ -13,8 +13,8 @@ namespace barycast {
 
 class MomentCorrection {
  public:
-  // `predicted`: columns of BoundaryData at x. It must outlive the correction.
-  MomentCorrection(const Vec<3>& x, const BoundaryData::Row& predicted, Eigen::Index control_vertices);
+  // `predicted`: columns of the data, at x (normalized frame). Both must outlive the correction.
+  MomentCorrection(const BoundaryData& data, const Vec<3>& x, const BoundaryData::Row& predicted);
 
   // Whether the predicted moments span space.
   bool predicted_spans() const { return predicted_spans_; }
@@ -28,9 +28,9 @@ class MomentCorrection {
   BoundaryData::Row corrected(std::span<const float> missing) const;
   bool holds(const MomentProjection& corrected) const;
 
+  const BoundaryData& data_;
   Vec<3> x_;
   const BoundaryData::Row& predicted_;
-  Eigen::Index n_;
   double predicted_mass_;
   bool predicted_spans_;
   BoundaryData::Row predicted_values_;

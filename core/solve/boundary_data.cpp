@@ -1,10 +1,16 @@
 #include "solve/boundary_data.h"
 
+#include <Eigen/Eigenvalues>
 #include <Eigen/QR>
+#include <algorithm>
+#include <cmath>
 #include <vector>
 
 namespace barycast {
 namespace {
+
+// The least spread of control vertices that is told from rounding, in diagonals.
+constexpr double kSpreadLeast = 1e-7;
 
 // Shares as small as this are on the border of their element but for rounding.
 constexpr double kShareOnEdge = 1e-12;
@@ -49,6 +55,18 @@ BoundaryData::BoundaryData(const Cage<3>& cage, bool moments)
     : cage_(cage), moments_(moments), column_of_vertex_(cage.control_vertex_count(), -1) {
   Eigen::Index column = 0;
   for (const uint32_t v : cage.used_vertices()) column_of_vertex_[v] = column++;
+  if (!moments) return;
+  const auto n = static_cast<double>(column);
+  for (const uint32_t v : cage.used_vertices()) centre_ += cage.control_vertices()[v] / n;
+  Mat<3> covariance = Mat<3>::Zero();
+  for (const uint32_t v : cage.used_vertices()) {
+    const Vec<3> off = cage.control_vertices()[v] - centre_;
+    covariance += off * off.transpose() / n;
+  }
+  const Eigen::SelfAdjointEigenSolver<Mat<3>> solver(covariance);
+  for (Eigen::Index i = 0; i < 3; ++i)
+    spread_.row(i) = solver.eigenvectors().col(i).transpose() /
+                     std::max(std::sqrt(std::max(0.0, solver.eigenvalues()[i])), kSpreadLeast);
 }
 
 void BoundaryData::entries(uint32_t element, const std::array<double, 4>& shares, const Vec<3>& y,
@@ -57,13 +75,14 @@ void BoundaryData::entries(uint32_t element, const std::array<double, 4>& shares
   std::vector<VertexWeight> basis;
   cage_.append_basis(cage_.elements()[element], shares, 1.0, basis);
   const Eigen::Index n = basis_count();
+  const Vec<3> z = to_moments(y);
   for (const VertexWeight& phi : basis) {
     const Eigen::Index column = column_of_vertex_[phi.vertex];
     out.push_back({column, phi.weight});
-    for (Eigen::Index a = 0; a < 3 && moments_; ++a) out.push_back({n + 3 * column + a, phi.weight * y[a]});
+    for (Eigen::Index a = 0; a < 3 && moments_; ++a) out.push_back({n + 3 * column + a, phi.weight * z[a]});
   }
   for (size_t p = 0; p < 6 && moments_; ++p)
-    out.push_back({4 * n + static_cast<Eigen::Index>(p), y[kPairs[p][0]] * y[kPairs[p][1]]});
+    out.push_back({4 * n + static_cast<Eigen::Index>(p), z[kPairs[p][0]] * z[kPairs[p][1]]});
 }
 
 void BoundaryData::values(uint32_t element, const std::array<double, 4>& shares, const Vec<3>& y,
@@ -85,6 +104,8 @@ void BoundaryData::gradients(const CagePoint<3>& y, std::array<Row, 3>& out, Mat
   const auto vectors = directions.vectors.leftCols(directions.count);
   const Eigen::Matrix<double, Eigen::Dynamic, 3> parameters = vectors.completeOrthogonalDecomposition().pseudoInverse();
   tangent = vectors * parameters;
+  const Mat<3> z_change = spread_ * tangent;
+  const Vec<3> z = to_moments(y.point);
   std::vector<VertexWeight> basis, change;
   const Element& element = cage_.elements()[y.element];
   cage_.append_basis(element, y.shares, 1.0, basis);
@@ -96,15 +117,15 @@ void BoundaryData::gradients(const CagePoint<3>& y, std::array<Row, 3>& out, Mat
     for (const VertexWeight& phi : change) {
       const Eigen::Index column = column_of_vertex_[phi.vertex];
       partial[column] += phi.weight;
-      for (Eigen::Index a = 0; a < 3 && moments_; ++a) partial[n + 3 * column + a] += phi.weight * y.point[a];
+      for (Eigen::Index a = 0; a < 3 && moments_; ++a) partial[n + 3 * column + a] += phi.weight * z[a];
     }
     if (!moments_) continue;
     for (const VertexWeight& phi : basis)
       for (Eigen::Index a = 0; a < 3; ++a)
-        partial[n + 3 * column_of_vertex_[phi.vertex] + a] += phi.weight * tangent(a, k);
+        partial[n + 3 * column_of_vertex_[phi.vertex] + a] += phi.weight * z_change(a, k);
     for (size_t p = 0; p < 6; ++p) {
       const auto [a, b] = kPairs[p];
-      partial[4 * n + Eigen::Index(p)] = tangent(a, k) * y.point[b] + y.point[a] * tangent(b, k);
+      partial[4 * n + Eigen::Index(p)] = z_change(a, k) * z[b] + z[a] * z_change(b, k);
     }
   }
 }

@@ -194,7 +194,7 @@ void BoundaryField::evaluate_with_gradient(const Query& query, SolvedRows<3>& ou
   if (query.project) {
     BoundaryData::Row projected(n);
     std::array<BoundaryData::Row, 3> gradients;
-    if (!project_moments(query.x, values, slopes, n, projected, gradients)) out.rank_deficient[query.row] = 1;
+    if (!project_moments(data_, query.x, values, slopes, projected, gradients)) out.rank_deficient[query.row] = 1;
     values = projected;
     slopes = gradients;
   }
@@ -228,7 +228,7 @@ void BoundaryField::evaluate_values(std::span<const Query> queries, SolvedRows<3
     if (query.project) {
       BoundaryData::Row projected(n);
       std::array<BoundaryData::Row, 3> no_gradients;
-      if (!project_moments(query.x, values, {}, n, projected, no_gradients)) out.rank_deficient[query.row] = 1;
+      if (!project_moments(data_, query.x, values, {}, projected, no_gradients)) out.rank_deficient[query.row] = 1;
       values = projected;
     }
     set_row(values, out.values, at(query.row));

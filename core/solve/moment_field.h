@@ -9,8 +9,8 @@ namespace barycast {
 
 class MomentProjection {
  public:
-  // `moments`: columns of BoundaryData at x. They must outlive the projection.
-  MomentProjection(const Vec<3>& x, const BoundaryData::Row& moments, Eigen::Index control_vertices);
+  // `moments`: columns of the data, at x (normalized frame). They must outlive the projection.
+  MomentProjection(const BoundaryData& data, const Vec<3>& x, const BoundaryData::Row& moments);
 
   // False: the moments do not span space, and what is missing was left out.
   bool spans() const { return spans_; }
@@ -21,19 +21,19 @@ class MomentProjection {
   void change(const Vec<3>& point, const BoundaryData::Row& moments, Eigen::Ref<BoundaryData::Row> out) const;
 
  private:
+  const BoundaryData& data_;
   const BoundaryData::Row& moments_;
-  Eigen::Index n_;
   double mass_;
   Vec<3> mean_;
-  Mat<3> second_, inverse_;  // int y y^T; of the covariance
-  Vec<3> q_;                 // inverse_ (x - mean_)
+  Mat<3> second_, inverse_;  // int z z^T; of the covariance
+  Vec<3> q_;                 // inverse_ (that of x - mean_)
   bool spans_;
 };
 
-// `slopes`: gradients of the moments (each row empty where not asked for). Writes control_vertices values, and
-// gradients likewise. False: as spans().
-bool project_moments(const Vec<3>& x, const BoundaryData::Row& moments, const std::array<BoundaryData::Row, 3>& slopes,
-                     Eigen::Index control_vertices, Eigen::Ref<BoundaryData::Row> values,
+// `slopes`: gradients of the moments (each row empty where not asked for). Writes basis_count() values, and gradients
+// likewise. False: as spans().
+bool project_moments(const BoundaryData& data, const Vec<3>& x, const BoundaryData::Row& moments,
+                     const std::array<BoundaryData::Row, 3>& slopes, Eigen::Ref<BoundaryData::Row> values,
                      std::array<BoundaryData::Row, 3>& gradients);
 
 }  // namespace barycast

@@ -5,51 +5,41 @@
 #include <cmath>
 #include <random>
 
+#include "solve/panels.h"
+#include "support/shapes.h"
+
 namespace barycast {
 namespace {
 
-constexpr Eigen::Index kVertices = 8, kColumns = 4 * kVertices + 6;
 using Row = BoundaryData::Row;
 
-// Of a measure on the unit cube about the origin, more of it above: some samples' mean moments.
-class Measure {
- public:
+const Vec<3> kPoint(0.1, -0.2, 0.5);
+
+// A measure on a box, most of it on two faces.
+struct Measure {
+  const Cage<3> cage = Cage<3>::create(testing::small_box(1.0, 0.6, 0.8).input()).value();
+  const BoundaryData data{cage, true};
+  std::mt19937 generator{5};
+
+  // Of some samples, in the mean.
   Row moments(size_t samples) {
-    Row sum = Row::Zero(kColumns);
+    std::uniform_real_distribution<double> uniform;
+    Row sum = Row::Zero(data.count()), one(data.count());
     for (size_t i = 0; i < samples; ++i) {
-      const Vec<3> y = sample();
-      for (int v = 0; v < kVertices; ++v) {
-        double phi = 1.0;
-        for (int a = 0; a < 3; ++a) phi *= 0.5 + ((v >> a & 1) != 0 ? y[a] : -y[a]);
-        sum[v] += phi;
-        sum.segment<3>(kVertices + 3 * v) += phi * y.transpose();
-      }
-      Eigen::Index c = 4 * kVertices;
-      for (int a = 0; a < 3; ++a)
-        for (int b = a; b < 3; ++b) sum[c++] += y[a] * y[b];
+      const auto element = static_cast<uint32_t>((uniform(generator) < 0.7 ? 2 : 6) * uniform(generator));
+      const double u = uniform(generator), v = uniform(generator);
+      const std::array<double, 4> shares = {(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v};
+      data.values(element, shares, point_at(cage, cage.elements()[element], shares), one);
+      sum += one;
     }
     return sum / static_cast<double>(samples);
   }
-
- private:
-  Vec<3> sample() {
-    Vec<3> y;
-    for (int a = 0; a < 3; ++a) y[a] = uniform_(generator_) - 0.5;
-    const int axis = uniform_(generator_) < 0.5 ? 2 : static_cast<int>(3 * uniform_(generator_));
-    y[axis] = uniform_(generator_) < 0.7 ? 0.5 : -0.5;
-    return y;
+  Row projected(const Row& moments) const {
+    Row values(data.basis_count());
+    MomentProjection(data, kPoint, moments).values(values);
+    return values;
   }
-  std::mt19937 generator_{5};
-  std::uniform_real_distribution<double> uniform_;
 };
-
-const Vec<3> kPoint(0.1, -0.2, 0.8);
-
-Row projected(const Row& moments) {
-  Row values(kVertices);
-  MomentProjection(kPoint, moments, kVertices).values(values);
-  return values;
-}
 
 std::vector<float> floats(const Row& row) {
   std::vector<float> out(static_cast<size_t>(row.size()));
@@ -61,9 +51,10 @@ TEST(MomentProjection, ChangesAsItsDerivativeSays) {
   Measure measure;
   const Row moments = measure.moments(500), toward = measure.moments(500) - moments;
   constexpr double kStep = 1e-4;
-  Row change(kVertices);
-  MomentProjection(kPoint, moments, kVertices).change(Vec<3>::Zero(), toward, change);
-  const Row difference = (projected(moments + kStep * toward) - projected(moments - kStep * toward)) / (2 * kStep);
+  Row change(measure.data.basis_count());
+  MomentProjection(measure.data, kPoint, moments).change(Vec<3>::Zero(), toward, change);
+  const Row difference =
+      (measure.projected(moments + kStep * toward) - measure.projected(moments - kStep * toward)) / (2 * kStep);
   EXPECT_LT((change - difference).norm(), 1e-6 * change.norm());
   EXPECT_GT(change.norm(), 1e-3);
 }
@@ -71,19 +62,19 @@ TEST(MomentProjection, ChangesAsItsDerivativeSays) {
 TEST(MomentCorrection, CompletesAnyPrediction) {
   Measure measure;
   const Row moments = measure.moments(1000), other = 0.9 * measure.moments(20);
-  const MomentCorrection correction(kPoint, other, kVertices);
-  std::vector<float> found(kVertices);
+  const MomentCorrection correction(measure.data, kPoint, other);
+  std::vector<float> found(8);
   ASSERT_TRUE(correction.correct(floats(moments - other), found));
-  const Row exact = projected(moments), predicted = projected(other);
-  for (Eigen::Index v = 0; v < kVertices; ++v)
+  const Row exact = measure.projected(moments), predicted = measure.projected(other);
+  for (Eigen::Index v = 0; v < 8; ++v)
     EXPECT_NEAR(predicted[v] + double{found[static_cast<size_t>(v)]}, exact[v], 1e-5);
 }
 
 TEST(MomentCorrection, IsNoneWhereWalksLeaveNoMass) {
   Measure measure;
   const Row predicted = measure.moments(1000);
-  const MomentCorrection correction(kPoint, predicted, kVertices);
-  std::vector<float> found(kVertices, 1.0f);
+  const MomentCorrection correction(measure.data, kPoint, predicted);
+  std::vector<float> found(8, 1.0f);
   EXPECT_FALSE(correction.correct(floats(-0.6 * predicted), found));
   for (const float value : found) EXPECT_EQ(value, 0.0f);
 }
@@ -92,16 +83,16 @@ TEST(MomentCorrection, IsNoneWhereWalksLeaveNoMass) {
 // samples together are not, and not by noise.
 TEST(MomentCorrection, SaysHowFarAllRandomizationsTogetherAreOff) {
   Measure measure;
-  const Row predicted = measure.moments(100), exact = projected(measure.moments(2'000'000));
-  const MomentCorrection correction(kPoint, predicted, kVertices);
-  const Row exact_correction = exact - projected(predicted);
+  const Row predicted = measure.moments(100), exact = measure.projected(measure.moments(2'000'000));
+  const MomentCorrection correction(measure.data, kPoint, predicted);
+  const Row exact_correction = exact - measure.projected(predicted);
   for (const size_t rounds : {8, 64, 512}) {
     const int trials = rounds == 512 ? 400 : 2000;
     double within = 0.0, squared = 0.0, stated = 0.0;
     Randomizations missing;
-    std::vector<float> mean(kColumns), found(kVertices);
+    std::vector<float> mean(38), found(8);
     for (int t = 0; t < trials; ++t) {
-      missing.clear(kColumns);
+      missing.clear(38);
       for (size_t r = 0; r < rounds; ++r) missing.add(floats(measure.moments(12) - predicted));
       missing.mean(mean);
       ASSERT_TRUE(correction.correct(mean, found));

@@ -206,18 +206,6 @@ INSTANTIATE_TEST_SUITE_P(Cages, PredictedRows,
                                            Case{"open_box", testing::open_box()}, Case{"soup", testing::soup()}),
                          [](const auto& info) { return std::string(info.param.name); });
 
-// Within the thickness of two walls a point is inside, and the place beside the one is beyond the other.
-TEST(PredictedRowsOfThinCages, AreFinite) {
-  const auto index = testing::make_index(testing::thin_box());
-  std::vector<double> points = testing::random_points(50, 3, -0.9, 0.9, 12);
-  for (size_t i = 2; i < points.size(); i += 3) points[i] *= 1e-3;
-  const RowBlock block = testing::bind_or_die(index, testing::loose_points(points), predicted(true));
-  for (size_t i = 0; i < block.row_count(); ++i) EXPECT_NE(block.flags[i] & kRowOnCage, 0);
-  for (const double value : block.values) EXPECT_LT(std::abs(value), 2.0);
-  for (const double value : block.gradients) EXPECT_TRUE(std::isfinite(value));
-  EXPECT_LE(testing::promise_error<3>(*index, points, block).worst(), 1.0);
-}
-
 // A grid of quads, n x m, that spans space.
 Shape sheet(uint32_t n, uint32_t m, double height) {
   Shape shape;
@@ -232,6 +220,44 @@ Shape sheet(uint32_t n, uint32_t m, double height) {
       shape.quads.insert(shape.quads.end(), {a, a + 1, a + m + 2, a + m + 1});
     }
   return shape;
+}
+
+// Within the thickness of two walls a point is inside, and the place beside the one is beyond the other.
+TEST(PredictedRowsOfThinCages, AreFinite) {
+  const auto index = testing::make_index(testing::thin_box());
+  std::vector<double> points = testing::random_points(50, 3, -0.9, 0.9, 12);
+  for (size_t i = 2; i < points.size(); i += 3) points[i] *= 1e-3;
+  const RowBlock block = testing::bind_or_die(index, testing::loose_points(points), predicted(true));
+  for (size_t i = 0; i < block.row_count(); ++i) EXPECT_NE(block.flags[i] & kRowOnCage, 0);
+  for (const double value : block.values) EXPECT_LT(std::abs(value), 2.0);
+  for (const double value : block.gradients) EXPECT_TRUE(std::isfinite(value));
+  EXPECT_LE(testing::promise_error<3>(*index, points, block).worst(), 1.0);
+}
+
+// Coordinates are large there, for the moments hardly span space: of an open sheet however flat it is, of a box down to
+// some thousandths of its diagonal.
+TEST(PredictedRowsOfThinCages, HaveLessErrorOutsideThanSamples) {
+  Shape flat_box = testing::box();
+  for (size_t i = 2; i < flat_box.vertices.size(); i += 3) flat_box.vertices[i] *= 1e-2;
+  for (const Shape& shape : {sheet(4, 4, 1e-2), sheet(4, 4, 2e-3), flat_box}) {
+    const auto index = testing::make_index(shape);
+    std::vector<double> points = testing::random_points(60, 3, -1.3, 1.3, 14);
+    for (size_t i = 2; i < points.size(); i += 3) points[i] = 0.3 * points[i] + std::copysign(0.05, points[i]);
+    const QueryInput queries = testing::loose_points(points);
+    Options options{.estimator = Estimator::kBoundaryElement, .panels = 1000, .prune_below = 0.0};
+    const RowBlock exact = testing::bind_or_die(index, queries, options);
+    const auto error = [&](const RowBlock& block) {
+      double squared = 0.0;
+      for (size_t i = 0; i < block.row_count(); ++i)
+        squared += (testing::row_vector(block, i, index->control_vertex_count()) -
+                    testing::row_vector(exact, i, index->control_vertex_count()))
+                       .squaredNorm();
+      return std::sqrt(squared / static_cast<double>(block.row_count()));
+    };
+    const double off = error(testing::bind_or_die(index, queries, predicted()));
+    options = {.estimator = Estimator::kSampling, .samples = 50, .prune_below = 0.0};
+    EXPECT_LT(off, 0.5 * error(testing::bind_or_die(index, queries, options)));
+  }
 }
 
 std::string refused(const Shape& shape, const Options& options) {

@@ -5,6 +5,7 @@
 #include <functional>
 
 #include "decode.h"
+#include "estimate/error_estimate.h"
 #include "fixture.h"
 
 namespace barycast::server {
@@ -143,7 +144,7 @@ TEST_F(EstimateCost, OfATargetErrorIsTheMost) {
   request.mutable_header()->mutable_options()->set_target_error(1e-5);
   ASSERT_EQ(estimate(request.header(), most).code, kOk);
   EXPECT_EQ(most.samples(), 100u * 12u * 512u);
-  EXPECT_GT(most.memory_bytes(), once.memory_bytes() + 32 * 512 * 4 * sizeof(float));
+  EXPECT_GT(most.memory_bytes(), once.memory_bytes() + 32 * Randomizations::kBatchesMost * 4 * sizeof(float));
   request.mutable_header()->mutable_output()->set_errors(true);
   ASSERT_EQ(estimate(request.header(), with_errors).code, kOk);
   EXPECT_EQ(with_errors.output_bytes(), most.output_bytes() + 100 * 8);
