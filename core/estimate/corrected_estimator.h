@@ -9,8 +9,8 @@
 // (estimate/moment_correction.h): the correction is what that changes.
 //
 // Gradients are the prediction's. Inside a closed cage that of the correction (estimate/first_steps.h) is added, as far
-// as it stands out from its noise: few walks leave it away nearly everywhere, many find it. Tables have it where they
-// serve.
+// as it stands out from its noise: few walks leave it away nearly everywhere, many find it. Near the cage, where it is
+// steep and walks are short, it has more walks of its own. Tables have it where they serve.
 //
 // With tables (estimate/ball_tables.h) corrections inside a closed cage come from those, but close to the cage, where
 // points walk themselves; in between, from both, by a share that is smooth in the distance.
@@ -77,6 +77,7 @@ class CorrectedEstimator {
     std::vector<double> missing;
     std::vector<Vec<3>> directions;
     FirstSteps first_steps;
+    std::vector<float> steep;   // a row of walks for gradients
     std::vector<double> noise;  // of the corrections' gradients, by point: their squared length's mean
     HarmonicPrediction::Rows rows;
     std::vector<float> found;                // by walks and tables, a row of found_size() each
@@ -130,6 +131,9 @@ class CorrectedEstimator {
   }
   bool find_moments(const SampleSet<3>& samples, size_t walks, const std::atomic<bool>& cancel, Workspace& workspace,
                     std::span<float> missing) const;
+  // Near the cage: gradients of corrections, and their noise, from walks that are taken for them.
+  bool find_steep_gradients(const std::atomic<bool>& cancel, Workspace& workspace,
+                            std::span<CorrectedPoint> places) const;
   // What walks from a point inside found. Returns the noise of its gradient; nothing: `cancel` was seen set.
   std::optional<double> correct_inside(const CorrectedPoint& place, const SampleQuery<3>& query,
                                        const SampleSet<3>& samples, const std::atomic<bool>& cancel,

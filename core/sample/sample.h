@@ -19,6 +19,7 @@ struct SampleQuery {
   Vec<D> origin;  // not on the cage
   double radius;  // around it, free of the cage
   QueryRandom random;
+  uint32_t walks = 0;  // other than settings say; 0: as many as those
 };
 
 enum class SampleEnd : uint8_t {

@@ -1,5 +1,6 @@
 #include "sample/walks.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
@@ -246,10 +247,12 @@ bool HarmonicWalks<D>::settle(Pool& pool, const std::atomic<bool>& cancel) const
 template <int D>
 bool HarmonicWalks<D>::sample(std::span<const SampleQuery<D>> queries, const std::atomic<bool>& cancel,
                               std::span<SampleSet<D>> out) const {
-  Pool pool(queries, out, kPoolWalks + settings_.walks);
+  uint32_t most = 0;
+  for (const SampleQuery<D>& query : queries) most = std::max(most, walks_of(query));
+  Pool pool(queries, out, kPoolWalks + most);
   for (size_t next = 0; next < queries.size() || pool.count > 0;) {
     if (cancel.load(std::memory_order_relaxed)) return false;
-    while (next < queries.size() && pool.count < kPoolWalks) pool.add(next++, settings_.walks);
+    for (; next < queries.size() && pool.count < kPoolWalks; ++next) pool.add(next, walks_of(queries[next]));
     draw_numbers(pool);
     if (!move(pool, cancel) || !settle(pool, cancel)) return false;
   }

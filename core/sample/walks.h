@@ -34,6 +34,8 @@ class HarmonicWalks {
   HarmonicWalks(const DistanceIndex<D>& distance, const WalkSettings& settings)
       : distance_(distance), settings_(settings) {}
 
+  uint32_t walks_of(const SampleQuery<D>& query) const { return query.walks > 0 ? query.walks : settings_.walks; }
+
   // Fills `out` with the samples of each query, in the order of walks. False: `cancel` was seen set, and `out` is
   // incomplete.
   bool sample(std::span<const SampleQuery<D>> queries, const std::atomic<bool>& cancel,

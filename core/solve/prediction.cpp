@@ -14,8 +14,10 @@ namespace {
 // FireHydrant's cage of 46 quads, 12 walks, E .0016 with 300 and with 600.
 constexpr size_t kPanelsLeast = 300, kPanelsPerTriangle = 2;
 // Of the table of what is missing, in all. FireHydrant: E .0023 with 3,000, .0021 with 6,000, .0016 with 12,000, .0015
-// with 24,000, at 5 to 10 microseconds each.
-constexpr size_t kNodes = 12'000;
+// with 24,000, at 5 to 10 microseconds each. Gradients near the cage want more: what any number of walks is off by, at
+// 0.0025 from an 88-vertex cage, is .08 of their size with 12,000 and .05 with 20,000. Moments have no gradients from
+// it, and four times as many columns.
+constexpr size_t kNodesInside = 20'000, kNodesElsewhere = 12'000;
 constexpr size_t kNodesPerTask = 64;
 // How far off that table may be between its nodes, by its own account, before the missing is evaluated instead. Next to
 // edges it is off by some hundredths, where few walks end: evaluated there they would take up to ten times as long, and
@@ -72,7 +74,7 @@ HarmonicPrediction::HarmonicPrediction(const Cage<3>& cage, const DistanceIndex<
       parts_(std::move(parts)),
       sums_(parts_.kernels.panels(), parts_.data, has_dipoles() ? parts_.densities.inside : parts_.densities.indirect,
             has_dipoles() ? &parts_.dipoles : nullptr),
-      missing_(cage, static_cast<size_t>(columns()), kNodes) {
+      missing_(cage, static_cast<size_t>(columns()), has_dipoles() ? kNodesInside : kNodesElsewhere) {
   if (has_dipoles() && LocalExpansions::hold(sums_, parts_.kernels.panels()))
     expansions_.emplace(sums_, parts_.kernels.panels());
 }
@@ -143,8 +145,9 @@ bool HarmonicPrediction::evaluate(std::span<const Vec<3>> points, bool gradients
 size_t HarmonicPrediction::bytes(const CageSize& size, BoundarySides side) {
   const CageSize cage = within_limits(size);
   const size_t panels = panels_wanted(cage.triangles), columns = columns_of(cage, side);
+  const size_t nodes = side == BoundarySides::kInside ? kNodesInside : kNodesElsewhere;
   return BoundarySolver::solved_bytes({.panels = static_cast<uint32_t>(panels), .sides = side}, cage.control_vertices) +
-         PanelSums::bytes(panels, columns) + ResidualTable::node_count(cage.elements, kNodes) * columns * sizeof(float);
+         PanelSums::bytes(panels, columns) + ResidualTable::node_count(cage.elements, nodes) * columns * sizeof(float);
 }
 
 size_t HarmonicPrediction::solving_bytes(const CageSize& size, BoundarySides side) {

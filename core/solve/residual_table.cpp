@@ -8,7 +8,7 @@
 namespace barycast {
 namespace {
 
-constexpr double kStepsLeast = 4, kStepsMost = 24;
+constexpr double kStepsLeast = 4, kStepsMost = 64;
 // How far nodes stay from the border of their element, in its parameters.
 constexpr double kInset = 1e-4;
 

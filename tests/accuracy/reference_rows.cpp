@@ -5,6 +5,7 @@
 // a number where a method has no row. Prints a line of what it took. METHOD and ARGUMENT:
 //   positive DIRECTIONS    positive mean value coordinates by brute-force visibility
 //   volumetric RESOLUTION  harmonic coordinates on a grid
+//   harmonic_gradients WALKS  of harmonic coordinates inside a closed cage, near it: points x 3 control vertices
 //   mean_value 0           mean value coordinates of a closed cage by quadrature, for points off it
 
 #include <sys/resource.h>
@@ -18,6 +19,7 @@
 #include <string_view>
 
 #include "base/parallel.h"
+#include "support/harmonic_gradients.h"
 #include "support/mean_value_quadrature.h"
 #include "support/positive_mean_value.h"
 #include "support/volumetric_harmonic.h"
@@ -78,6 +80,11 @@ constexpr Method kMethods[] = {
        return barycast::testing::VolumetricHarmonic(cage, resolution).evaluate(points);
      },
      4},
+    {"harmonic_gradients",
+     [](const Cage<3>& cage, std::span<const double> points, int walks) {
+       return barycast::testing::harmonic_gradients(cage, points, static_cast<uint32_t>(walks));
+     },
+     8},
     {"mean_value",
      [](const Cage<3>& cage, std::span<const double> points, int) {
        const barycast::testing::MeanValueQuadrature quadrature(cage);

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "cage/cage.h"
+#include "solve/panels.h"
 
 namespace barycast::testing {
 
@@ -23,12 +24,6 @@ inline std::array<double, 4> shares_at(const Element& element, const Eigen::Vect
   const double s = place[0], t = place[1];
   if (element.kind == ElementKind::kTriangle) return {1 - s - t, s, t, 0};
   return {(1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t};
-}
-
-inline Vec<3> point_at(const Cage<3>& cage, const Element& element, const std::array<double, 4>& shares) {
-  Vec<3> point = Vec<3>::Zero();
-  for (int i = 0; i < element.corner_count(); ++i) point += shares[static_cast<size_t>(i)] * cage.corner(element, i);
-  return point;
 }
 
 // Facets with edges of about `size` (those across a triangle or a quad: half as much again).
