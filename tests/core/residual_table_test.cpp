@@ -184,19 +184,41 @@ TEST(ResidualTable, FindsTheCellsOfABend) {
   }
 }
 
+size_t count_of(const Shape& shape, std::vector<uint8_t> (*marked)(const Cage<3>&)) {
+  const auto index = *CageIndex::create(shape.input());
+  const auto& cage = std::get<std::unique_ptr<const CageStructures<3>>>(index->structures())->cage;
+  const std::vector<uint8_t> elements = marked(cage);
+  EXPECT_EQ(elements.size(), cage.elements().size());
+  return static_cast<size_t>(std::count(elements.begin(), elements.end(), 1));
+}
+
 TEST(Cuts, AreElementsThatEdgesOfOthersPassThrough) {
-  const auto cut = [](const Shape& shape) {
-    const auto index = *CageIndex::create(shape.input());
-    const auto& cage = std::get<std::unique_ptr<const CageStructures<3>>>(index->structures())->cage;
-    const std::vector<uint8_t> elements = cut_elements(cage);
-    EXPECT_EQ(elements.size(), cage.elements().size());
-    return std::count(elements.begin(), elements.end(), 1);
-  };
+  const auto cut = [](const Shape& shape) { return count_of(shape, cut_elements); };
   for (const Shape& whole : {testing::box(), testing::bent_prism(), testing::mixed_prism(), testing::open_box(),
                              testing::sphere(8, 1.0), testing::joined(testing::box(), testing::small_box(0.1, 0.2, 0))})
-    EXPECT_EQ(cut(whole), 0);
+    EXPECT_EQ(cut(whole), 0u);
   // Three faces of either box, and the others, which share their corners.
-  EXPECT_EQ(cut(testing::joined(testing::box(), testing::small_box(0.8, 0.7, 0.6))), 12);
+  EXPECT_EQ(cut(testing::joined(testing::box(), testing::small_box(0.8, 0.7, 0.6))), 12u);
+}
+
+// To a fiftieth of the diagonal, which is 4.2 where a box lies above another.
+TEST(Gaps, AreElementsThatComeClose) {
+  const auto close = [](const Shape& shape) { return count_of(shape, close_elements); };
+  for (const Shape& whole : {testing::box(), testing::bent_prism(), testing::mixed_prism(), testing::open_box(),
+                             testing::sphere(8, 1.0), testing::joined(testing::box(), testing::small_box(0.1, 0.2, 0))})
+    EXPECT_EQ(close(whole), 0u);
+  const auto boxes = [](double gap) {
+    return testing::joined(testing::box(), testing::small_box(0.1, 0.2, 1.5 + gap));
+  };
+  EXPECT_EQ(close(boxes(0.1)), 0u);
+  EXPECT_EQ(close(boxes(0.05)), 6u);  // the face, and all that touches the other box's bottom
+  // An edge over an edge, far from all corners.
+  const auto crossed = [](double gap) {
+    return Shape{.vertices = {-1, 0, 0, 1, 0, 0, 0, -1, -1, 0, -1, gap, 0, 1, gap, 1, 0, gap + 1},
+                 .triangles = {0, 1, 2, 3, 4, 5}};
+  };
+  EXPECT_EQ(close(crossed(0.03)), 2u);
+  EXPECT_EQ(close(crossed(0.1)), 0u);
 }
 
 }  // namespace
