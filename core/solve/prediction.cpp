@@ -16,8 +16,8 @@ constexpr size_t kPanelsLeast = 300, kPanelsPerTriangle = 2;
 // Of the table of what is missing, in all. FireHydrant: E .0023 with 3,000, .0021 with 6,000, .0016 with 12,000, .0015
 // with 24,000, at 5 to 10 microseconds each. Gradients near the cage want more: what any number of walks is off by, at
 // 0.0025 from an 88-vertex cage, is .08 of their size with 12,000 and .05 with 20,000. Moments have no gradients from
-// it, and four times as many columns.
-constexpr size_t kNodesInside = 20'000, kNodesElsewhere = 12'000;
+// it, and four times as many columns: their table has less where it would hold more numbers than that.
+constexpr size_t kNodesInside = 20'000, kNodesElsewhere = 12'000, kNumbersElsewhere = 4'400'000;
 constexpr size_t kNodesPerTask = 64;
 // How far off that table may be between its nodes, by its own account, before the missing is evaluated instead. Next to
 // edges it is off by some hundredths, where few walks end: evaluated there they would take up to ten times as long, and
@@ -25,6 +25,10 @@ constexpr size_t kNodesPerTask = 64;
 // two boxes were still off by .18 with 4e-2, by .001 with 4e-3.
 // Between two walls .0144 diagonals apart E of 10,000 walks was .015 with 8e-2, .003 with 4e-3.
 constexpr double kRough = 8e-2, kRoughOfCut = 4e-3;
+
+size_t nodes_wanted(bool inside, size_t columns) {
+  return inside ? kNodesInside : std::min(kNodesElsewhere, kNumbersElsewhere / columns);
+}
 
 uint32_t panels_wanted(size_t triangles) {
   return static_cast<uint32_t>(std::max(kPanelsLeast, kPanelsPerTriangle * triangles));
@@ -75,7 +79,7 @@ HarmonicPrediction::HarmonicPrediction(const Cage<3>& cage, const DistanceIndex<
       parts_(std::move(parts)),
       sums_(parts_.kernels.panels(), parts_.data, has_dipoles() ? parts_.densities.inside : parts_.densities.indirect,
             has_dipoles() ? &parts_.dipoles : nullptr),
-      missing_(cage, static_cast<size_t>(columns()), has_dipoles() ? kNodesInside : kNodesElsewhere) {
+      missing_(cage, static_cast<size_t>(columns()), nodes_wanted(has_dipoles(), static_cast<size_t>(columns()))) {
   if (has_dipoles() && LocalExpansions::hold(sums_, parts_.kernels.panels()))
     expansions_.emplace(sums_, parts_.kernels.panels());
 }
@@ -146,7 +150,7 @@ bool HarmonicPrediction::evaluate(std::span<const Vec<3>> points, bool gradients
 size_t HarmonicPrediction::bytes(const CageSize& size, BoundarySides side) {
   const CageSize cage = within_limits(size);
   const size_t panels = panels_wanted(cage.triangles), columns = columns_of(cage, side);
-  const size_t nodes = side == BoundarySides::kInside ? kNodesInside : kNodesElsewhere;
+  const size_t nodes = nodes_wanted(side == BoundarySides::kInside, columns);
   return BoundarySolver::solved_bytes({.panels = static_cast<uint32_t>(panels), .sides = side}, cage.control_vertices) +
          PanelSums::bytes(panels, columns) + ResidualTable::node_count(cage.elements, nodes) * columns * sizeof(float);
 }

@@ -29,7 +29,8 @@ from surface import Elements
 
 TIMEOUT_SECONDS = 1800
 GRADIENT_WALKS = 20000
-METHODS = {"mean-value": "mean_value", "positive-mean-value": "positive", "harmonic": "harmonic_gradients"}  # of reference_rows
+# Of reference_rows.
+METHODS = {"mean-value": "mean_value", "positive-mean-value": "positive", "harmonic": "harmonic_gradients"}
 
 
 class NoReference(Exception):
@@ -145,8 +146,8 @@ class References:
         return np.moveaxis(rows.reshape(len(points), 3, -1), 1, 2)
 
     def _rows(self, kind, argument, points, parts=1):
-        """By reference_rows: points x control vertices, or so many parts of that, side by side. It takes triangles and quads: polygons go as fans about a vertex of their own, whose
-        column is then handed on to the corners."""
+        """By reference_rows: points x control vertices, or so many parts of that, side by side. It takes triangles and
+        quads: polygons go as fans about a vertex of their own, whose column is then handed on to the corners."""
         if not self._program.is_file():
             raise NoReference(f"{kind}: there is no program {self._program}; build it by `cmake --build build "
                               "--target reference_rows` or name it with --reference-rows")

@@ -34,8 +34,9 @@ std::string method(const client::ComputeOptions& options) {
     return estimator + " to a standard error of " + decimals(target, "%g") + ", preset " + name(options.preset) +
            ", denoise " + name(options.denoise) + ", seed " + std::to_string(options.seed);
   if (!sampling && samples == 0) return estimator + (panels > 0 ? ", at most " + thousands(panels) + " panels" : "");
-  return (sampling ? "" : estimator + ", ") + std::to_string(samples) + " samples per point, preset " +
-         name(options.preset) + ", denoise " + name(options.denoise) + ", seed " + std::to_string(options.seed);
+  return (sampling ? "" : estimator + ", ") + std::to_string(samples) + " samples per point" +
+         (options.tables ? " that no table serves" : "") + ", preset " + name(options.preset) + ", denoise " +
+         name(options.denoise) + ", seed " + std::to_string(options.seed);
 }
 
 // Of the errors that the binding holds, if any: median and largest; and how many are above the target.

@@ -128,8 +128,9 @@ def _method(options: Dict[str, Any]) -> str:
     if estimator != "sampling" and not options["samples"]:
         return estimator + (f', at most {options["panels"]:,} panels' if options["panels"] else "")
     named = "" if estimator == "sampling" else f"{estimator}, "
-    return (f'{named}{options["samples"]} samples per point, preset {options["preset"]}, denoise {options["denoise"]}, '
-            f'seed {options["seed"]}')
+    where = " that no table serves" if options.get("tables") else ""
+    return (f'{named}{options["samples"]} samples per point{where}, preset {options["preset"]}, '
+            f'denoise {options["denoise"]}, seed {options["seed"]}')
 
 
 def capability_values(answer: barycast_pb2.GetCapabilitiesResponse) -> Dict[str, Any]:
