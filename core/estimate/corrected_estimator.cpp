@@ -1,6 +1,8 @@
 #include "estimate/corrected_estimator.h"
 
 #include <algorithm>
+#include <bit>
+#include <cmath>
 #include <numeric>
 
 #include "solve/moment_field.h"
@@ -21,6 +23,13 @@ uint32_t steep_walks(double distance) {
   const double nearness = kSteepWithin / distance;
   return static_cast<uint32_t>(std::min(kSteepWalksMost, kSteepWalks * nearness * nearness));
 }
+
+// The walks' own coordinates stand in for a correction whose standard error is this part of theirs: theirs alone have
+// about as much.
+constexpr double kNoiseMost = 0.25;
+
+// On the cage coordinates do not change by more over its thickness, whatever gradients say.
+constexpr double kChangeMost = 0.5;
 
 // Shrinks a gradient towards zero by what noise has a part in it [James, Stein 1961: the positive part].
 void shrink(std::span<float> gradient, double noise) {
@@ -47,6 +56,7 @@ CorrectedEstimator::CorrectedEstimator(const Cage<3>& cage, const DistanceIndex<
     : cage_(cage),
       locator_(cage, distance, winding, settings.thickness, settings.closed),
       walks_(walks),
+      projection_(cage),
       inside_(inside),
       elsewhere_(elsewhere),
       tables_(tables),
@@ -54,17 +64,22 @@ CorrectedEstimator::CorrectedEstimator(const Cage<3>& cage, const DistanceIndex<
 
 bool CorrectedEstimator::correct(std::span<const Vec<3>> points, const std::atomic<bool>& cancel, Workspace& workspace,
                                  std::span<CorrectedPoint> places, std::span<float> corrections) const {
-  if (!find(points, settings_.seed, cancel, workspace, places) || !find_steep_gradients(cancel, workspace, places) ||
-      !predict_moments(places, cancel, workspace))
+  if (!find(points, settings_.seed, cancel, workspace, places) || !predict_moments(places, cancel, workspace))
     return false;
   for (size_t i = 0; i < points.size(); ++i) {
-    const std::span<float> correction = row(corrections, i), found = this->found(workspace, i);
-    if (places[i].elsewhere) {
-      correct_moments(places[i], workspace.moments[i], found, correction);
-    } else {
-      std::copy_n(found.begin(), row_size(), correction.begin());
-      shrink(gradient(correction), workspace.noise[i]);
-    }
+    if (!places[i].elsewhere) continue;
+    const std::span<float> correction = row(corrections, i);
+    const auto outcome = correct_moments(places[i], workspace.moments[i], found(workspace, i), correction);
+    const auto noisy = is_noisy(places[i], outcome, i, correction, cancel, workspace);
+    if (!noisy) return false;
+    if (*noisy) take_own_coordinates(places[i], i, workspace, correction);
+  }
+  if (!find_steep_gradients(cancel, workspace, places)) return false;
+  for (size_t i = 0; i < points.size(); ++i) {
+    if (places[i].elsewhere) continue;
+    const std::span<float> correction = row(corrections, i);
+    std::copy_n(found(workspace, i).begin(), row_size(), correction.begin());
+    shrink(gradient(correction), workspace.noise[i]);
   }
   return true;
 }
@@ -297,13 +312,68 @@ bool CorrectedEstimator::predict_moments(std::span<const CorrectedPoint> places,
   return true;
 }
 
-void CorrectedEstimator::correct_moments(CorrectedPoint& place, const BoundaryData::Row& moments,
-                                         std::span<const float> missing, std::span<float> correction) const {
+MomentCorrection::Outcome CorrectedEstimator::correct_moments(CorrectedPoint& place, const BoundaryData::Row& moments,
+                                                              std::span<const float> missing,
+                                                              std::span<float> correction) const {
   const MomentCorrection of_moments = moment_correction(place, moments);
-  const bool corrected = of_moments.correct(missing, correction.first(columns()));
-  if (!corrected && !of_moments.predicted_spans()) place.flags |= kRowRankDeficient;
+  const auto outcome = of_moments.correct(missing, correction.first(columns()));
+  if (outcome != MomentCorrection::Outcome::kCorrected && !of_moments.predicted_spans())
+    place.flags |= kRowRankDeficient;
   const std::span<float> slopes = gradient(correction);
   std::fill(slopes.begin(), slopes.end(), 0.0f);
+  return outcome;
+}
+
+std::optional<bool> CorrectedEstimator::is_noisy(const CorrectedPoint& place, MomentCorrection::Outcome outcome,
+                                                 size_t i, std::span<const float> correction,
+                                                 const std::atomic<bool>& cancel, Workspace& workspace) const {
+  const std::vector<Sample<3>>& samples = workspace.samples[i].samples;
+  if (place.on_cage || samples.size() < 2 || outcome == MomentCorrection::Outcome::kLittleMass) return false;
+  if (outcome == MomentCorrection::Outcome::kSingular) return true;
+  const MomentCorrection of_moments = moment_correction(place, workspace.moments[i]);
+  if (!of_moments.is_large(correction.first(columns()))) return false;
+  const BoundaryData::Row own = own_coordinates(place, i, workspace);
+  const Eigen::Map<const Eigen::RowVectorXf> change(correction.data(), own.size());
+  // Walks that all went one way do not show the noise that they have.
+  if ((of_moments.predicted_values() + change.cast<double>() - own).norm() > own.norm()) return true;
+  // A power of two of the walks says how much noise all have.
+  const size_t some = std::bit_floor(samples.size());
+  std::vector<float> of_walk(static_cast<size_t>(elsewhere_->columns()));
+  workspace.by_walk.clear(of_walk.size());
+  const auto add = [&](size_t, std::span<const double> found) {
+    std::transform(found.begin(), found.end(), of_walk.begin(), [](double value) { return static_cast<float>(value); });
+    workspace.by_walk.add(of_walk);
+  };
+  if (!workspace.at_ends.visit(*elsewhere_, std::span(samples).first(some), cancel, add)) return std::nullopt;
+  const double noise = of_moments.error(workspace.by_walk).standard *
+                       std::sqrt(static_cast<double>(some) / static_cast<double>(place.counts.started));
+  return noise > kNoiseMost * own.norm();
+}
+
+BoundaryData::Row CorrectedEstimator::own_coordinates(const CorrectedPoint& place, size_t i,
+                                                      Workspace& workspace) const {
+  if (!workspace.accumulator) workspace.accumulator.emplace(cage_);
+  workspace.accumulator->accumulate(workspace.samples[i].samples, Weights::kAsGiven, workspace.own_moments);
+  projection_.project(workspace.own_moments, PseudoSamples::kAlways, workspace.projected);
+  const Vec<4> at = homogeneous<3>(place.origin);
+  const Eigen::RowVector4d pseudo = at.transpose() * workspace.projected.pseudo;
+  BoundaryData::Row own(static_cast<Eigen::Index>(columns()));
+  auto fit = workspace.projected.fits.begin();
+  for (size_t v = 0; v < columns(); ++v) {
+    const uint32_t vertex = cage_.used_vertices()[v];
+    double value = pseudo * homogeneous<3>(cage_.control_vertices()[vertex]);
+    if (fit != workspace.projected.fits.end() && fit->vertex == vertex) value += at.dot((fit++)->u);
+    own[static_cast<Eigen::Index>(v)] = value;
+  }
+  return own;
+}
+
+void CorrectedEstimator::take_own_coordinates(CorrectedPoint& place, size_t i, Workspace& workspace,
+                                              std::span<float> correction) const {
+  place.flags |= kRowRankDeficient;
+  const BoundaryData::Row change =
+      own_coordinates(place, i, workspace) - moment_correction(place, workspace.moments[i]).predicted_values();
+  Eigen::Map<Eigen::RowVectorXf>(correction.data(), change.size()) = change.cast<float>();
 }
 
 // From moments and their gradients to coordinates and theirs.
@@ -328,10 +398,12 @@ void CorrectedEstimator::finish(const Vec<3>& x, const CorrectedPoint& place, st
   }
   const CagePoint<3>& y = *place.on_cage;
   prediction(place.elsewhere).data().values(y.element, y.shares, y.point, rows.values);
+  BoundaryData::Row change = BoundaryData::Row::Zero(rows.values.size());
   for (size_t k = 0; k < 3; ++k) {
     const auto axis = static_cast<Eigen::Index>(k);
-    rows.values += (x[axis] - y.point[axis]) * rows.gradients[k];
+    change += (x[axis] - y.point[axis]) * rows.gradients[k];
   }
+  if (change.norm() < kChangeMost) rows.values += change;
 }
 
 bool CorrectedEstimator::evaluate(std::span<const Vec<3>> points, std::span<const CorrectedPoint> places,

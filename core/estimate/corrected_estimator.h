@@ -6,7 +6,8 @@
 // coordinates.
 //
 // Inside a closed cage h are the coordinates. Elsewhere moments are predicted and corrected, and both are projected
-// (estimate/moment_correction.h): the correction is what that changes.
+// (estimate/moment_correction.h): the correction is what that changes. Where it is mostly noise, as in thin cages and
+// narrow gaps, whose moments are nearly singular, the walks' own coordinates stand in.
 //
 // Gradients are the prediction's. Inside a closed cage that of the correction (estimate/first_steps.h) is added, as far
 // as it stands out from its noise: few walks leave it away nearly everywhere, many find it. Near the cage, where it is
@@ -29,6 +30,7 @@
 #include "estimate/locator.h"
 #include "estimate/missing_at_ends.h"
 #include "estimate/moment_correction.h"
+#include "estimate/projection.h"
 #include "sample/walks.h"
 #include "solve/prediction.h"
 
@@ -82,6 +84,10 @@ class CorrectedEstimator {
     HarmonicPrediction::Rows rows;
     std::vector<float> found;                // by walks and tables, a row of found_size() each
     std::vector<BoundaryData::Row> moments;  // predicted: of points elsewhere
+    std::optional<MomentAccumulator<3>> accumulator;
+    Moments<3> own_moments;
+    Projected<3> projected;
+    Randomizations by_walk;
     // Points that are still off, and their places in what was asked for.
     std::vector<Vec<3>> open_points;
     std::vector<size_t> open;
@@ -164,14 +170,22 @@ class CorrectedEstimator {
   // From all that was found for a point, with its gradients' sums in `correction`, to its correction.
   void take_mean(const Randomizations& found, const BoundaryData::Row& moments, double summed_noise,
                  CorrectedPoint& place, std::span<float> correction) const;
-  void correct_moments(CorrectedPoint& place, const BoundaryData::Row& moments, std::span<const float> missing,
-                       std::span<float> correction) const;
+  MomentCorrection::Outcome correct_moments(CorrectedPoint& place, const BoundaryData::Row& moments,
+                                            std::span<const float> missing, std::span<float> correction) const;
+  // Whether the correction of point i is mostly noise; nothing: `cancel` was seen set.
+  std::optional<bool> is_noisy(const CorrectedPoint& place, MomentCorrection::Outcome outcome, size_t i,
+                               std::span<const float> correction, const std::atomic<bool>& cancel,
+                               Workspace& workspace) const;
+  // From its walks alone, with pseudo-samples; and the correction that leads there.
+  BoundaryData::Row own_coordinates(const CorrectedPoint& place, size_t i, Workspace& workspace) const;
+  void take_own_coordinates(CorrectedPoint& place, size_t i, Workspace& workspace, std::span<float> correction) const;
   void project(const Vec<3>& origin, Rows& rows) const;
   void finish(const Vec<3>& x, const CorrectedPoint& place, std::span<const float> correction, Rows& rows) const;
 
   const Cage<3>& cage_;
   Locator<3> locator_;
   HarmonicWalks<3> walks_;
+  Projection<3> projection_;
   const HarmonicPrediction *inside_, *elsewhere_;
   const BallTables* tables_;
   Settings settings_;

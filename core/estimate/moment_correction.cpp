@@ -6,9 +6,9 @@
 namespace barycast {
 namespace {
 
-// What is missing may leave less mass than this part of the predicted one only where walks hardly hit: there the
-// prediction alone is better, as where they leave moments that do not span space.
+// What is missing may leave less mass than this part of the predicted one only where walks hardly hit.
 constexpr double kMassMin = 0.5;
+constexpr double kLargePart = 0.25;
 
 }  // namespace
 
@@ -24,21 +24,29 @@ BoundaryData::Row MomentCorrection::corrected(std::span<const float> missing) co
   return predicted_ + Eigen::Map<const Eigen::RowVectorXf>(missing.data(), predicted_.size()).cast<double>();
 }
 
-bool MomentCorrection::holds(const MomentProjection& corrected) const {
-  return corrected.mass() >= kMassMin * predicted_mass_ && corrected.spans();
+MomentCorrection::Outcome MomentCorrection::outcome(const MomentProjection& corrected) const {
+  if (corrected.mass() < kMassMin * predicted_mass_) return Outcome::kLittleMass;
+  return corrected.spans() ? Outcome::kCorrected : Outcome::kSingular;
 }
 
-bool MomentCorrection::correct(std::span<const float> missing, std::span<float> correction) const {
+MomentCorrection::Outcome MomentCorrection::correct(std::span<const float> missing, std::span<float> correction) const {
   const BoundaryData::Row moments = corrected(missing);
   const MomentProjection projection(data_, x_, moments);
-  if (!holds(projection)) {
+  const Outcome outcome = this->outcome(projection);
+  if (outcome != Outcome::kCorrected) {
     std::fill(correction.begin(), correction.end(), 0.0f);
-    return false;
+    return outcome;
   }
   BoundaryData::Row values(data_.basis_count());
   projection.values(values);
   Eigen::Map<Eigen::RowVectorXf>(correction.data(), values.size()) = (values - predicted_values_).cast<float>();
-  return true;
+  return outcome;
+}
+
+bool MomentCorrection::is_large(std::span<const float> correction) const {
+  const Eigen::Map<const Eigen::RowVectorXf> change(correction.data(), predicted_values_.size());
+  const BoundaryData::Row corrected = predicted_values_ + change.cast<double>();
+  return double{change.norm()} > kLargePart * corrected.norm();
 }
 
 Randomizations::Error MomentCorrection::error(const Randomizations& missing) const {
@@ -47,7 +55,7 @@ Randomizations::Error MomentCorrection::error(const Randomizations& missing) con
   missing.mean(mean);
   const BoundaryData::Row moments = corrected(mean);
   const MomentProjection corrected(data_, x_, moments), predicted(data_, x_, predicted_);
-  const MomentProjection& about = holds(corrected) ? corrected : predicted;
+  const MomentProjection& about = outcome(corrected) == Outcome::kCorrected ? corrected : predicted;
   BoundaryData::Row off(predicted_.size()), changed(data_.basis_count());
   Randomizations changes(change.size());
   for (size_t i = 0; i < missing.batch_count(); ++i) {

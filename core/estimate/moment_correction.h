@@ -18,15 +18,23 @@ class MomentCorrection {
 
   // Whether the predicted moments span space.
   bool predicted_spans() const { return predicted_spans_; }
-  // Writes what the missing moments change the coordinates by. False, and zeros: they leave moments that the prediction
-  // alone is better than.
-  bool correct(std::span<const float> missing, std::span<float> correction) const;
+  // Writes what the missing moments change the coordinates by; zeros where it cannot.
+  enum class Outcome {
+    kCorrected,
+    kLittleMass,  // they leave so little that walks hardly hit: the prediction alone is better
+    kSingular,    // they leave moments that do not span space
+  };
+  Outcome correct(std::span<const float> missing, std::span<float> correction) const;
+  // Whether such a correction is so large, beside the coordinates, that it may be noise.
+  bool is_large(std::span<const float> correction) const;
+  // What the coordinates are without it.
+  const BoundaryData::Row& predicted_values() const { return predicted_values_; }
   // How far the correction by the mean of what is missing is off, to first order in the moments.
   Randomizations::Error error(const Randomizations& missing) const;
 
  private:
   BoundaryData::Row corrected(std::span<const float> missing) const;
-  bool holds(const MomentProjection& corrected) const;
+  Outcome outcome(const MomentProjection& corrected) const;
 
   const BoundaryData& data_;
   Vec<3> x_;

@@ -12,9 +12,9 @@
 //
 // Not corrected is what straight lines between the nodes of the table of what is missing leave out: less than .001 of
 // coordinates, for on elements that cut each other it is evaluated where it bends more. Nor is what expansions leave
-// out, some 2e-5 of a row. Closed cages thinner than half a hundredth of their diagonal are worse than sampled seen
-// from outside: panels wider than the walls are apart do not cancel (a box of 2 x 2 x .01: coordinates of 19 are off by
-// 10, of 50 samples by 6; of 2 x 2 x .02: of 11 by 1.2 and 3.1). Outside, panels of a twisted quad may lie on the other
+// out, some 2e-5 of a row. Seen from outside, of closed
+// cages thinner than half a hundredth of their diagonal, panels wider than the walls are apart do not cancel: there few
+// walks do not correct it (estimate/corrected_estimator.h). Outside, panels of a twisted quad may lie on the other
 // side of a point next to it: there slopes are those of that side.
 //
 // Depends on the cage alone. Const and thread-safe; deterministic.

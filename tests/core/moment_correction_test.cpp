@@ -64,7 +64,7 @@ TEST(MomentCorrection, CompletesAnyPrediction) {
   const Row moments = measure.moments(1000), other = 0.9 * measure.moments(20);
   const MomentCorrection correction(measure.data, kPoint, other);
   std::vector<float> found(8);
-  ASSERT_TRUE(correction.correct(floats(moments - other), found));
+  ASSERT_EQ(correction.correct(floats(moments - other), found), MomentCorrection::Outcome::kCorrected);
   const Row exact = measure.projected(moments), predicted = measure.projected(other);
   for (Eigen::Index v = 0; v < 8; ++v)
     EXPECT_NEAR(predicted[v] + double{found[static_cast<size_t>(v)]}, exact[v], 1e-5);
@@ -75,7 +75,7 @@ TEST(MomentCorrection, IsNoneWhereWalksLeaveNoMass) {
   const Row predicted = measure.moments(1000);
   const MomentCorrection correction(measure.data, kPoint, predicted);
   std::vector<float> found(8, 1.0f);
-  EXPECT_FALSE(correction.correct(floats(-0.6 * predicted), found));
+  EXPECT_EQ(correction.correct(floats(-0.6 * predicted), found), MomentCorrection::Outcome::kLittleMass);
   for (const float value : found) EXPECT_EQ(value, 0.0f);
 }
 
@@ -95,7 +95,7 @@ TEST(MomentCorrection, SaysHowFarAllRandomizationsTogetherAreOff) {
       missing.clear(38);
       for (size_t r = 0; r < rounds; ++r) missing.add(floats(measure.moments(12) - predicted));
       missing.mean(mean);
-      ASSERT_TRUE(correction.correct(mean, found));
+      ASSERT_EQ(correction.correct(mean, found), MomentCorrection::Outcome::kCorrected);
       double off = 0.0;
       for (size_t v = 0; v < found.size(); ++v)
         off += std::pow(double{found[v]} - exact_correction[static_cast<Eigen::Index>(v)], 2);

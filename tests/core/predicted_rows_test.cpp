@@ -236,12 +236,13 @@ TEST(PredictedRowsOfThinCages, AreFinite) {
   EXPECT_LE(testing::promise_error<3>(*index, points, block).worst(), 1.0);
 }
 
-// Coordinates are large there, for the moments hardly span space: of an open sheet however flat it is, of a box down to
-// some thousandths of its diagonal.
+// Coordinates are large there, for the moments hardly span space. Of an open sheet, however flat it is, predicted ones
+// have a fraction of the error; of a flat box no more.
 TEST(PredictedRowsOfThinCages, HaveLessErrorOutsideThanSamples) {
   Shape flat_box = testing::box();
   for (size_t i = 2; i < flat_box.vertices.size(); i += 3) flat_box.vertices[i] *= 1e-2;
-  for (const Shape& shape : {sheet(4, 4, 1e-2), sheet(4, 4, 2e-3), flat_box}) {
+  for (const auto& [shape, part] :
+       {std::pair{sheet(4, 4, 1e-2), 0.4}, std::pair{sheet(4, 4, 2e-3), 0.4}, std::pair{flat_box, 1.0}}) {
     const auto index = testing::make_index(shape);
     std::vector<double> points = testing::random_points(60, 3, -1.3, 1.3, 14);
     for (size_t i = 2; i < points.size(); i += 3) points[i] = 0.3 * points[i] + std::copysign(0.05, points[i]);
@@ -258,7 +259,7 @@ TEST(PredictedRowsOfThinCages, HaveLessErrorOutsideThanSamples) {
     };
     const double off = error(testing::bind_or_die(index, queries, predicted()));
     options = {.estimator = Estimator::kSampling, .samples = 50, .prune_below = 0.0};
-    EXPECT_LT(off, 0.5 * error(testing::bind_or_die(index, queries, options)));
+    EXPECT_LT(off, part * error(testing::bind_or_die(index, queries, options)));
   }
 }
 
