@@ -17,7 +17,7 @@ constexpr double kNoiseTimes = 2;
 // Nearer to the cage than kSteepWithin gradients of corrections have walks of their own, so many that their noise,
 // which grows like the reciprocal of the distance, is that of kSteepWalks there, up to kSteepWalksMost. At 0.0025 from
 // the cage gradients are then off by .03 to .1 of their size, with the values' 12 walks by .11 to .2.
-constexpr double kSteepWithin = 9e-3, kSteepWalks = 12, kSteepWalksMost = 160;
+constexpr double kSteepWithin = 9e-3, kSteepWalks = 20, kSteepWalksMost = 260;
 
 uint32_t steep_walks(double distance) {
   const double nearness = kSteepWithin / distance;
