@@ -219,9 +219,15 @@ class Model {
   }
   // Of a point: values, and their partial derivatives.
   double correction() const { return sizeof(float) * vertices() * (options_.gradients ? 4 : 1); }
+  // Of a point: near the cage, gradients have more.
+  double walks() const {
+    const bool steep =
+        data_.exact && options_.gradients && size_.closed && !options_.tables && options_.target_error == 0.0;
+    return std::max<double>(options_.samples, steep ? CorrectedEstimator::kSteepWalksMost : 0);
+  }
   // First steps: where they go, several times over, and what one walk found.
   static constexpr double kFirstStep = 96.0;
-  double first_steps() const { return options_.gradients ? options_.samples * kFirstStep + 32.0 * vertices() : 0.0; }
+  double first_steps() const { return options_.gradients ? walks() * kFirstStep + 32.0 * vertices() : 0.0; }
   HarmonicPrediction::CageSize cage() const { return {size_.elements, size_.triangles, size_.control_vertices}; }
   // Of every thread: points that walk together with their samples, a task's points with predictions and corrections,
   // and walks.
@@ -229,7 +235,7 @@ class Model {
     constexpr double kWalking = kPredictedWalkTogether;
     const size_t count = size_.control_vertices, columns = elsewhere ? 4 * count + 6 : count;
     const size_t task = predicted_rows_per_task(count);
-    const double samples = options_.samples * (kWalking * sizeof(Sample<D>) + kWalk);
+    const double samples = walks() * (kWalking * sizeof(Sample<D>) + kWalk);
     const double found = std::max(correction(), sizeof(float) * static_cast<double>(columns));
     const double points = static_cast<double>(task) * (sizeof(CorrectedPoint) + correction()) + first_steps() +
                           kWalking * (found + (elsewhere ? sizeof(double) * static_cast<double>(columns) : 0.0));

@@ -17,11 +17,14 @@ constexpr double kNoiseTimes = 2;
 // Nearer to the cage than kSteepWithin gradients of corrections have walks of their own, so many that their noise,
 // which grows like the reciprocal of the distance, is that of kSteepWalks there, up to kSteepWalksMost. At 0.0025 from
 // the cage gradients are then off by .03 to .1 of their size, with the values' 12 walks by .11 to .2.
-constexpr double kSteepWithin = 9e-3, kSteepWalks = 20, kSteepWalksMost = 260;
+constexpr double kSteepWithin = 9e-3, kSteepWalks = 20;
 
+// 0: too far from the cage.
 uint32_t steep_walks(double distance) {
+  if (distance >= kSteepWithin) return 0;
   const double nearness = kSteepWithin / distance;
-  return static_cast<uint32_t>(std::min(kSteepWalksMost, kSteepWalks * nearness * nearness));
+  return static_cast<uint32_t>(
+      std::min(double{CorrectedEstimator::kSteepWalksMost}, kSteepWalks * nearness * nearness));
 }
 
 // The walks' own coordinates stand in for a correction whose standard error is this part of theirs: theirs alone have
@@ -167,8 +170,8 @@ bool CorrectedEstimator::find_steep_gradients(const std::atomic<bool>& cancel, W
   const std::span<SampleSet<3>> samples = std::span(workspace.samples).first(workspace.walkers.size());
   if (!walks_.sample(workspace.walking, cancel, samples)) return false;
   std::vector<float>& row = workspace.steep;
-  row.resize(row_size());
   for (size_t k = 0; k < samples.size(); ++k) {
+    row.assign(row_size(), 0.0f);
     const size_t i = workspace.walkers[k];
     const auto noise = correct_inside(places[i], workspace.walking[k], samples[k], cancel, workspace, row);
     if (!noise) return false;

@@ -11,7 +11,8 @@
 //
 // Gradients are the prediction's. Inside a closed cage that of the correction (estimate/first_steps.h) is added, as far
 // as it stands out from its noise: few walks leave it away nearly everywhere, many find it. Near the cage, where it is
-// steep and walks are short, it has more walks of its own. Tables have it where they serve.
+// steep and walks are short, it has more walks of its own, but to a target error or with tables, which have it where
+// they serve.
 //
 // With tables (estimate/ball_tables.h) corrections inside a closed cage come from those, but close to the cage, where
 // points walk themselves; in between, from both, by a share that is smooth in the distance.
@@ -59,6 +60,9 @@ class CorrectedEstimator {
   CorrectedEstimator(const Cage<3>& cage, const DistanceIndex<3>& distance, const WindingNumber<3>& winding,
                      const HarmonicWalks<3>& walks, const HarmonicPrediction* inside,
                      const HarmonicPrediction* elsewhere, const BallTables* tables, const Settings& settings);
+
+  // That a gradient near the cage takes, but to a target error or with tables.
+  static constexpr uint32_t kSteepWalksMost = 260;
 
   // Columns of corrections and predictions: the control vertices that elements use, in their order.
   size_t columns() const { return cage_.used_vertices().size(); }

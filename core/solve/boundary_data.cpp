@@ -2,15 +2,11 @@
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/QR>
-#include <algorithm>
 #include <cmath>
 #include <vector>
 
 namespace barycast {
 namespace {
-
-// The least spread of control vertices that is told from rounding, in diagonals.
-constexpr double kSpreadLeast = 1e-7;
 
 // Shares as small as this are on the border of their element but for rounding.
 constexpr double kShareOnEdge = 1e-12;
@@ -63,10 +59,10 @@ BoundaryData::BoundaryData(const Cage<3>& cage, bool moments)
     const Vec<3> off = cage.control_vertices()[v] - centre_;
     covariance += off * off.transpose() / n;
   }
+  // None is 0: Cage::create refuses what is flatter than kSpanRatioMin.
   const Eigen::SelfAdjointEigenSolver<Mat<3>> solver(covariance);
   for (Eigen::Index i = 0; i < 3; ++i)
-    spread_.row(i) = solver.eigenvectors().col(i).transpose() /
-                     std::max(std::sqrt(std::max(0.0, solver.eigenvalues()[i])), kSpreadLeast);
+    spread_.row(i) = solver.eigenvectors().col(i).transpose() / std::sqrt(solver.eigenvalues()[i]);
 }
 
 void BoundaryData::entries(uint32_t element, const std::array<double, 4>& shares, const Vec<3>& y,

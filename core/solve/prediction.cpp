@@ -16,7 +16,8 @@ constexpr size_t kPanelsLeast = 300, kPanelsPerTriangle = 2;
 // Of the table of what is missing, in all. FireHydrant: E .0023 with 3,000, .0021 with 6,000, .0016 with 12,000, .0015
 // with 24,000, at 5 to 10 microseconds each. Gradients near the cage want more: what any number of walks is off by, at
 // 0.0025 from an 88-vertex cage, is .08 of their size with 12,000 and .05 with 20,000. Moments have no gradients from
-// it, and four times as many columns: their table has less where it would hold more numbers than that.
+// it, and four times as many columns: their table has less where it would hold more numbers than that, down to the
+// least that elements have.
 constexpr size_t kNodesInside = 20'000, kNodesElsewhere = 12'000, kNumbersElsewhere = 4'400'000;
 constexpr size_t kNodesPerTask = 64;
 // How far off that table may be between its nodes, by its own account, before the missing is evaluated instead. Next to

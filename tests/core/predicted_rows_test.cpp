@@ -290,6 +290,16 @@ TEST(PredictedRows, HaveTheirGradientsNearTheCage) {
                        2);
     EXPECT_LT(std::sqrt(squared), 0.11 * exact.norm());
     EXPECT_EQ(block.values, testing::bind_or_die(index, queries, predicted(false)).values);
+    // Whatever the number of walks, a row does not know the points before it.
+    for (const uint32_t samples : {1u, 5u}) {
+      Options few = predicted(true);
+      few.samples = samples;
+      const std::vector<double> last(points.end() - 3, points.end());
+      const RowBlock all = testing::bind_or_die(index, queries, few),
+                     alone = testing::bind_or_die(index, testing::loose_points(last), few);
+      EXPECT_TRUE(std::equal(alone.gradients.begin(), alone.gradients.end(),
+                             all.gradients.end() - static_cast<std::ptrdiff_t>(alone.gradients.size())));
+    }
   }
 }
 
