@@ -72,10 +72,11 @@ bool CorrectedEstimator::correct(std::span<const Vec<3>> points, const std::atom
   for (size_t i = 0; i < points.size(); ++i) {
     if (!places[i].elsewhere) continue;
     const std::span<float> correction = row(corrections, i);
-    const auto outcome = correct_moments(places[i], workspace.moments[i], found(workspace, i), correction);
-    const auto noisy = is_noisy(places[i], outcome, i, correction, cancel, workspace);
+    const MomentCorrection of_moments = moment_correction(places[i], workspace.moments[i]);
+    const auto outcome = correct_moments(places[i], of_moments, found(workspace, i), correction);
+    const auto noisy = is_noisy(places[i], of_moments, outcome, i, correction, cancel, workspace);
     if (!noisy) return false;
-    if (*noisy) take_own_coordinates(places[i], i, workspace, correction);
+    if (*noisy) take_own_coordinates(places[i], of_moments, i, workspace, correction);
   }
   if (!find_steep_gradients(cancel, workspace, places)) return false;
   for (size_t i = 0; i < points.size(); ++i) {
@@ -285,7 +286,7 @@ void CorrectedEstimator::take_mean(const Randomizations& found, const BoundaryDa
   if (place.elsewhere) {
     std::vector<float> missing(static_cast<size_t>(moments.size()));
     found.mean(missing);
-    correct_moments(place, moments, missing, correction);
+    correct_moments(place, moment_correction(place, moments), missing, correction);
     return;
   }
   found.mean(correction.first(columns()));
@@ -315,10 +316,9 @@ bool CorrectedEstimator::predict_moments(std::span<const CorrectedPoint> places,
   return true;
 }
 
-MomentCorrection::Outcome CorrectedEstimator::correct_moments(CorrectedPoint& place, const BoundaryData::Row& moments,
+MomentCorrection::Outcome CorrectedEstimator::correct_moments(CorrectedPoint& place, const MomentCorrection& of_moments,
                                                               std::span<const float> missing,
                                                               std::span<float> correction) const {
-  const MomentCorrection of_moments = moment_correction(place, moments);
   const auto outcome = of_moments.correct(missing, correction.first(columns()));
   if (outcome != MomentCorrection::Outcome::kCorrected && !of_moments.predicted_spans())
     place.flags |= kRowRankDeficient;
@@ -327,13 +327,13 @@ MomentCorrection::Outcome CorrectedEstimator::correct_moments(CorrectedPoint& pl
   return outcome;
 }
 
-std::optional<bool> CorrectedEstimator::is_noisy(const CorrectedPoint& place, MomentCorrection::Outcome outcome,
-                                                 size_t i, std::span<const float> correction,
-                                                 const std::atomic<bool>& cancel, Workspace& workspace) const {
+std::optional<bool> CorrectedEstimator::is_noisy(const CorrectedPoint& place, const MomentCorrection& of_moments,
+                                                 MomentCorrection::Outcome outcome, size_t i,
+                                                 std::span<const float> correction, const std::atomic<bool>& cancel,
+                                                 Workspace& workspace) const {
   const std::vector<Sample<3>>& samples = workspace.samples[i].samples;
   if (place.on_cage || samples.size() < 2 || outcome == MomentCorrection::Outcome::kLittleMass) return false;
   if (outcome == MomentCorrection::Outcome::kSingular) return true;
-  const MomentCorrection of_moments = moment_correction(place, workspace.moments[i]);
   if (!of_moments.is_large(correction.first(columns()))) return false;
   const BoundaryData::Row own = own_coordinates(place, i, workspace);
   const Eigen::Map<const Eigen::RowVectorXf> change(correction.data(), own.size());
@@ -371,11 +371,10 @@ BoundaryData::Row CorrectedEstimator::own_coordinates(const CorrectedPoint& plac
   return own;
 }
 
-void CorrectedEstimator::take_own_coordinates(CorrectedPoint& place, size_t i, Workspace& workspace,
-                                              std::span<float> correction) const {
+void CorrectedEstimator::take_own_coordinates(CorrectedPoint& place, const MomentCorrection& of_moments, size_t i,
+                                              Workspace& workspace, std::span<float> correction) const {
   place.flags |= kRowRankDeficient;
-  const BoundaryData::Row change =
-      own_coordinates(place, i, workspace) - moment_correction(place, workspace.moments[i]).predicted_values();
+  const BoundaryData::Row change = own_coordinates(place, i, workspace) - of_moments.predicted_values();
   Eigen::Map<Eigen::RowVectorXf>(correction.data(), change.size()) = change.cast<float>();
 }
 

@@ -174,15 +174,16 @@ class CorrectedEstimator {
   // From all that was found for a point, with its gradients' sums in `correction`, to its correction.
   void take_mean(const Randomizations& found, const BoundaryData::Row& moments, double summed_noise,
                  CorrectedPoint& place, std::span<float> correction) const;
-  MomentCorrection::Outcome correct_moments(CorrectedPoint& place, const BoundaryData::Row& moments,
+  MomentCorrection::Outcome correct_moments(CorrectedPoint& place, const MomentCorrection& of_moments,
                                             std::span<const float> missing, std::span<float> correction) const;
   // Whether the correction of point i is mostly noise; nothing: `cancel` was seen set.
-  std::optional<bool> is_noisy(const CorrectedPoint& place, MomentCorrection::Outcome outcome, size_t i,
-                               std::span<const float> correction, const std::atomic<bool>& cancel,
-                               Workspace& workspace) const;
+  std::optional<bool> is_noisy(const CorrectedPoint& place, const MomentCorrection& of_moments,
+                               MomentCorrection::Outcome outcome, size_t i, std::span<const float> correction,
+                               const std::atomic<bool>& cancel, Workspace& workspace) const;
   // From its walks alone, with pseudo-samples; and the correction that leads there.
   BoundaryData::Row own_coordinates(const CorrectedPoint& place, size_t i, Workspace& workspace) const;
-  void take_own_coordinates(CorrectedPoint& place, size_t i, Workspace& workspace, std::span<float> correction) const;
+  void take_own_coordinates(CorrectedPoint& place, const MomentCorrection& of_moments, size_t i, Workspace& workspace,
+                            std::span<float> correction) const;
   void project(const Vec<3>& origin, Rows& rows) const;
   void finish(const Vec<3>& x, const CorrectedPoint& place, std::span<const float> correction, Rows& rows) const;
 
